@@ -1,0 +1,1 @@
+//! Vocabulary of the system: frames, twists, joints, images, time, device traits.

@@ -1,0 +1,1 @@
+//! Steering laws: tasks, priorities, duty cycling, estimation.

@@ -1,0 +1,1 @@
+//! Mechanics of a flexible bevel-tip needle in soft tissue.

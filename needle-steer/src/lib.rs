@@ -1,0 +1,1 @@
+//! The application: configuration, cycle, run, experiments, command line.

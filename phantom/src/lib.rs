@@ -1,0 +1,1 @@
+//! Ground truth: needle, tissue, cameras and their flaws.

@@ -1,0 +1,1 @@
+//! Arms behind the hal traits: URDF kinematics, simulator, Viper S650 driver and emulator.

@@ -1,0 +1,2 @@
+//! Simulator-backed integration tests of the whole workspace.
+#![cfg(test)]

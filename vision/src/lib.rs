@@ -1,0 +1,1 @@
+//! Stereo calibration and needle tracking.
