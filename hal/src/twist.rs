@@ -81,7 +81,7 @@ mod tests {
             angular: Vector3::new(0.3, -0.5, 0.7),
         };
         let pose = Isometry3::new(Vector3::new(0.4, 0.1, 0.2), Vector3::new(0.2, 0.1, -0.4));
-        let local = Vector3::new(0.05, -0.02, 0.126).into();
+        let local = nalgebra::Point3::new(0.05, -0.02, 0.126);
         let (before, h) = (pose * local, 1e-6);
         let after = twist.integrate(&pose, h) * local;
         let offset = before - nalgebra::Point3::from(pose.translation.vector);
