@@ -1,1 +1,11 @@
 //! Stereo calibration and needle tracking.
+//!
+//! * [`camera`]: camera models, refraction through the container's walls, triangulation.
+#![cfg_attr(
+    test,
+    allow(clippy::float_cmp, reason = "tests compare exact constructions")
+)]
+
+pub mod camera;
+
+pub use camera::{Camera, DistortedPx, StereoRig, UndistortedPx};
