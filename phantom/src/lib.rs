@@ -1,1 +1,5 @@
 //! Ground truth: needle, tissue, cameras and their flaws.
+
+pub mod view;
+
+pub use view::NeedleView;
