@@ -1,0 +1,94 @@
+//! The command line: human text on stderr, results on stdout, exit code 0 done, 1 failed run or
+//! fault, 2 bad usage or configuration.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+use crate::config;
+
+/// Steers a flexible bevel-tip needle to a target.
+#[derive(Debug, Parser)]
+#[command(name = "needle-steer", version, propagate_version = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Check a configuration.
+    Check {
+        /// Configuration file (TOML).
+        config: PathBuf,
+    },
+    /// Print a configuration.
+    Config {
+        #[command(subcommand)]
+        which: ConfigCommand,
+    },
+    /// Print a completion script for a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+#[derive(Debug, Subcommand)]
+enum ConfigCommand {
+    /// The commented default configuration.
+    Default,
+}
+
+/// Runs the program.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match dispatch(cli) {
+        Ok(code) => code,
+        Err(error) => {
+            report(&error);
+            if error.downcast_ref::<config::ConfigError>().is_some() {
+                ExitCode::from(2)
+            } else {
+                ExitCode::from(1)
+            }
+        }
+    }
+}
+
+/// One line for the error, one for each cause.
+fn report(error: &anyhow::Error) {
+    let mut stderr = std::io::stderr().lock();
+    let text = error
+        .chain()
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+        .join("\n  caused by: ");
+    // Nothing can be done about a closed stderr.
+    let _ = writeln!(stderr, "error: {text}");
+}
+
+fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
+    match cli.command {
+        Command::Check { config } => {
+            config::load(Some(&config), &[])?;
+            writeln!(std::io::stdout(), "{}: valid", config.display())?;
+        }
+        Command::Config {
+            which: ConfigCommand::Default,
+        } => {
+            std::io::stdout().write_all(config::DEFAULT_TOML.as_bytes())?;
+        }
+        Command::Completions { shell } => {
+            clap_complete::generate(
+                shell,
+                &mut Cli::command(),
+                "needle-steer",
+                &mut std::io::stdout(),
+            );
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,131 @@
+//! Ranges of the configuration's values.
+
+use super::{Config, Invalid, TargetKind};
+
+/// The value lies in `low..=high`.
+fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
+    if value >= low && value <= high {
+        return Ok(());
+    }
+    Err(Invalid {
+        key: key.to_owned(),
+        problem: format!("expected a number from {low} to {high}, found {value}"),
+    })
+}
+
+/// The value is above zero and at most `high`.
+fn positive(key: &str, value: f64, high: f64) -> Result<(), Invalid> {
+    if value > 0.0 && value <= high {
+        return Ok(());
+    }
+    Err(Invalid {
+        key: key.to_owned(),
+        problem: format!("expected a number above 0 and at most {high}, found {value}"),
+    })
+}
+
+impl Config {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// The first key whose value is outside its range.
+    pub fn validate(&self) -> Result<(), Invalid> {
+        self.validate_run()?;
+        self.validate_needle()?;
+        self.validate_limits()
+    }
+
+    fn validate_run(&self) -> Result<(), Invalid> {
+        positive(
+            "run.insertion_speed_mm_s",
+            self.run.insertion_speed_mm_s,
+            5.0,
+        )?;
+        positive("run.max_duration_s", self.run.max_duration_s, 86_400.0)?;
+        let target = &self.target;
+        if target.kind == TargetKind::Stereo {
+            for value in target.position_mm {
+                within("target.position_mm", value, -2000.0, 2000.0)?;
+            }
+            return Ok(());
+        }
+        positive("target.depth_mm", target.depth_mm, 500.0)?;
+        within("target.offset_mm", target.offset_mm, 0.0, 200.0)?;
+        within("target.angle_deg", target.angle_deg, -360.0, 360.0)
+    }
+
+    fn validate_needle(&self) -> Result<(), Invalid> {
+        let needle = &self.needle;
+        positive("needle.length_mm", needle.length_mm, 1000.0)?;
+        positive("needle.outer_diameter_mm", needle.outer_diameter_mm, 5.0)?;
+        within(
+            "needle.inner_diameter_mm",
+            needle.inner_diameter_mm,
+            0.0,
+            5.0,
+        )?;
+        if needle.inner_diameter_mm >= needle.outer_diameter_mm {
+            return Err(Invalid {
+                key: "needle.inner_diameter_mm".into(),
+                problem: format!(
+                    "expected less than needle.outer_diameter_mm ({}), found {}",
+                    needle.outer_diameter_mm, needle.inner_diameter_mm
+                ),
+            });
+        }
+        positive("needle.young_modulus_gpa", needle.young_modulus_gpa, 1000.0)?;
+        within("needle.bevel_deg", needle.bevel_deg, 1.0, 89.0)?;
+        positive(
+            "tissue.stiffness_n_per_m2",
+            self.tissue.stiffness_n_per_m2,
+            1e7,
+        )?;
+        within(
+            "tissue.spring_spacing_mm",
+            self.tissue.spring_spacing_mm,
+            0.5,
+            20.0,
+        )?;
+        for value in self.tissue.entry_mm {
+            within("tissue.entry_mm", value, -5000.0, 5000.0)?;
+        }
+        let norm = self.tissue.inward.iter().map(|x| x * x).sum::<f64>().sqrt();
+        within("tissue.inward", norm, 0.999, 1.001).map_err(|mut e| {
+            e.problem = format!("expected a unit vector, found one of length {norm}");
+            e
+        })
+    }
+
+    fn validate_limits(&self) -> Result<(), Invalid> {
+        let supervisor = &self.supervisor;
+        positive(
+            "supervisor.tissue_stretch_mm",
+            supervisor.tissue_stretch_mm,
+            50.0,
+        )?;
+        positive("supervisor.entry_force_n", supervisor.entry_force_n, 50.0)?;
+        positive(
+            "supervisor.workspace_radius_mm",
+            supervisor.workspace_radius_mm,
+            1000.0,
+        )?;
+        within(
+            "supervisor.image_hold_ms",
+            supervisor.image_hold_ms,
+            34.0,
+            200.0,
+        )?;
+        within(
+            "supervisor.image_stop_ms",
+            supervisor.image_stop_ms,
+            200.0,
+            60_000.0,
+        )?;
+        within(
+            "supervisor.encoder_stop_ms",
+            supervisor.encoder_stop_ms,
+            20.0,
+            1000.0,
+        )
+    }
+}

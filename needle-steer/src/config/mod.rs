@@ -1,0 +1,252 @@
+//! The configuration of a run. Every key is optional; units stand in the keys' names.
+//!
+//! The commented defaults are in `default.toml`, which a test holds against [`Config::default`].
+
+mod check;
+mod load;
+
+use serde::{Deserialize, Serialize};
+
+pub use load::{ConfigError, Origin, load, parse};
+
+/// The commented default configuration, as `needle-steer config default` prints it.
+pub const DEFAULT_TOML: &str = include_str!("default.toml");
+
+/// A value outside its range.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Invalid {
+    /// Dotted path of the key.
+    pub key: String,
+    /// What was found and what was expected.
+    pub problem: String,
+}
+
+/// Everything a run needs to know.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// What to run.
+    pub run: Run,
+    /// Where to go.
+    pub target: Target,
+    /// The needle as the controller knows it.
+    pub needle: Needle,
+    /// The tissue as the controller assumes it at the start.
+    pub tissue: Tissue,
+    /// Bounds beyond which the supervisor stops the arm.
+    pub supervisor: Supervisor,
+    /// The arm.
+    pub arm: Arm,
+}
+
+/// Which arm executes the commands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Backend {
+    /// The URDF kinematic simulator with the phantom.
+    #[default]
+    Sim,
+}
+
+/// What closes the loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SensorKind {
+    /// Needle shapes from the phantom's fast sensor.
+    #[default]
+    Shape,
+}
+
+/// What to run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Run {
+    /// Name of the steering law.
+    pub law: String,
+    /// Which arm executes the commands.
+    pub backend: Backend,
+    /// What closes the loop.
+    pub sensor: SensorKind,
+    /// Preset of the phantom.
+    pub phantom: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Nominal speed along the needle \[mm/s\].
+    pub insertion_speed_mm_s: f64,
+    /// Longest duration of a run \[s\].
+    pub max_duration_s: f64,
+    /// Move nothing: configuration, reachability and limits are checked only.
+    pub dry_run: bool,
+}
+
+impl Default for Run {
+    fn default() -> Self {
+        Self {
+            law: "hybrid".into(),
+            backend: Backend::Sim,
+            sensor: SensorKind::Shape,
+            phantom: "paper".into(),
+            seed: 1,
+            insertion_speed_mm_s: 1.0,
+            max_duration_s: 600.0,
+            dry_run: false,
+        }
+    }
+}
+
+/// How the target is given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TargetKind {
+    /// On the holder's nominal axis through the tip, `depth_mm` ahead.
+    Aligned,
+    /// As `aligned`, then shifted across the axis by `offset_mm` at `angle_deg`.
+    #[default]
+    Shifted,
+    /// At `position_mm` in the stereo frame.
+    Stereo,
+}
+
+/// Where to go. Depth and offset count from the tip at the end of the straight pre-insertion.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Target {
+    /// How the target is given.
+    pub kind: TargetKind,
+    /// Distance ahead of the tip \[mm\].
+    pub depth_mm: f64,
+    /// Distance across the axis \[mm\].
+    pub offset_mm: f64,
+    /// Direction of the offset from the bevel direction, right-handed about the needle's z \[deg\].
+    pub angle_deg: f64,
+    /// Target in the left camera's optical frame \[mm\], for `kind = "stereo"`.
+    pub position_mm: [f64; 3],
+}
+
+impl Default for Target {
+    fn default() -> Self {
+        Self {
+            kind: TargetKind::Shifted,
+            depth_mm: 80.0,
+            offset_mm: 10.0,
+            angle_deg: 135.0,
+            position_mm: [0.0; 3],
+        }
+    }
+}
+
+/// The needle as the controller knows it; defaults from the paper, the bevel angle assumed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Needle {
+    /// Free length outside the holder \[mm\].
+    pub length_mm: f64,
+    /// Outer diameter \[mm\].
+    pub outer_diameter_mm: f64,
+    /// Inner diameter \[mm\].
+    pub inner_diameter_mm: f64,
+    /// Young's modulus \[GPa\].
+    pub young_modulus_gpa: f64,
+    /// Bevel angle \[deg\].
+    pub bevel_deg: f64,
+}
+
+impl Default for Needle {
+    fn default() -> Self {
+        Self {
+            length_mm: 126.0,
+            outer_diameter_mm: 0.70,
+            inner_diameter_mm: 0.48,
+            young_modulus_gpa: 200.0,
+            bevel_deg: 24.0,
+        }
+    }
+}
+
+/// The tissue as the controller assumes it at the start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Tissue {
+    /// Stiffness per length K_T \[N/m2\]; the paper starts with 10 000.
+    pub stiffness_n_per_m2: f64,
+    /// Distance between springs \[mm\].
+    pub spring_spacing_mm: f64,
+    /// Entry point on the surface, in World \[mm\].
+    pub entry_mm: [f64; 3],
+    /// Direction into the tissue, in World.
+    pub inward: [f64; 3],
+}
+
+impl Default for Tissue {
+    fn default() -> Self {
+        Self {
+            stiffness_n_per_m2: 10_000.0,
+            spring_spacing_mm: 2.5,
+            entry_mm: [400.0, 0.0, 250.0],
+            inward: [0.0, 0.0, -1.0],
+        }
+    }
+}
+
+/// Bounds beyond which the supervisor stops the arm, whatever the law wants; all assumed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Supervisor {
+    /// Largest tissue stretch of the model \[mm\].
+    pub tissue_stretch_mm: f64,
+    /// Largest lateral force at the entry \[N\].
+    pub entry_force_n: f64,
+    /// Largest distance of the needle's base from the nominal axis through the entry \[mm\].
+    pub workspace_radius_mm: f64,
+    /// Longest time without an image before the arm holds still \[ms\].
+    pub image_hold_ms: f64,
+    /// Longest time without an image before the run stops \[ms\].
+    pub image_stop_ms: f64,
+    /// Longest age of the encoders' reading before the run stops \[ms\].
+    pub encoder_stop_ms: f64,
+}
+
+impl Default for Supervisor {
+    fn default() -> Self {
+        Self {
+            tissue_stretch_mm: 8.0,
+            entry_force_n: 5.0,
+            workspace_radius_mm: 60.0,
+            image_hold_ms: 200.0,
+            image_stop_ms: 2000.0,
+            encoder_stop_ms: 350.0,
+        }
+    }
+}
+
+/// The arm.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Arm {
+    /// URDF file; empty for the built-in Viper S650.
+    pub urdf: String,
+    /// Link that carries the needle: origin at the needle's base, z along the needle.
+    pub tip_link: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn default_file_and_code_agree() {
+        let parsed = parse(DEFAULT_TOML, Path::new("default.toml"), &[]).unwrap();
+        assert_eq!(parsed, Config::default());
+        let keys: toml::Table = DEFAULT_TOML.parse().unwrap();
+        let code = toml::Table::try_from(Config::default()).unwrap();
+        for (section, values) in &code {
+            for key in values.as_table().unwrap().keys() {
+                assert!(
+                    keys[section].get(key).is_some(),
+                    "{section}.{key} is not in default.toml"
+                );
+            }
+        }
+    }
+}

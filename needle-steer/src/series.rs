@@ -1,0 +1,112 @@
+//! The time series of a run: one row a law step, as CSV.
+
+use std::io::Write;
+
+use hal::telemetry::{SteeringMode, Telemetry};
+use nalgebra::Vector3;
+
+/// One law step in the units of plots and tables.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Time \[s\].
+    pub t_s: f64,
+    /// Needle in the tissue \[mm\].
+    pub depth_mm: f64,
+    /// Measured distance of the target from the tip axis \[mm\].
+    pub lateral_error_mm: f64,
+    /// The true one; NaN without truth.
+    pub true_lateral_error_mm: f64,
+    /// Predicted miss at the target \[mm\].
+    pub predicted_miss_mm: f64,
+    /// Base displacement from its start, in World \[mm\].
+    pub base_mm: Vector3<f64>,
+    /// Tilt of the base from its start \[deg\].
+    pub tilt_deg: f64,
+    /// Last joint \[deg\].
+    pub roll_deg: f64,
+    /// Stiffness K_T \[N/m2\].
+    pub stiffness: f64,
+    /// Mean tissue displacement of the model \[mm\].
+    pub mean_stretch_mm: f64,
+    /// The true mean; NaN without truth.
+    pub true_mean_stretch_mm: f64,
+    /// How the law steers.
+    pub mode: SteeringMode,
+    /// Duty cycle.
+    pub duty_cycle: f64,
+}
+
+/// Header of the CSV, in the order of [`Row`].
+const HEADER: &str = "t_s,depth_mm,lateral_error_mm,true_lateral_error_mm,predicted_miss_mm,\
+base_x_mm,base_y_mm,base_z_mm,tilt_deg,roll_deg,stiffness_n_per_m2,mean_stretch_mm,\
+true_mean_stretch_mm,mode,duty_cycle";
+
+impl Row {
+    /// The row of one step; `start` is the telemetry of the first one.
+    pub fn new(telemetry: &Telemetry, start: &Telemetry) -> Self {
+        let origin = |t: &Telemetry| t.world_from_base.origin().coords();
+        let axis = |t: &Telemetry| t.world_from_base.rotate(&Vector3::z());
+        let truth = telemetry.truth.as_ref();
+        Self {
+            t_s: telemetry.stamp.as_secs(),
+            depth_mm: telemetry.depth * 1e3,
+            lateral_error_mm: telemetry.lateral_error * 1e3,
+            true_lateral_error_mm: truth.map_or(f64::NAN, |t| t.lateral_error * 1e3),
+            predicted_miss_mm: telemetry.law.predicted_miss.norm() * 1e3,
+            base_mm: (origin(telemetry) - origin(start)) * 1e3,
+            tilt_deg: axis(telemetry).angle(&axis(start)).to_degrees(),
+            roll_deg: telemetry
+                .joints
+                .last()
+                .copied()
+                .unwrap_or(f64::NAN)
+                .to_degrees(),
+            stiffness: telemetry.model.stiffness,
+            mean_stretch_mm: telemetry.model.mean_stretch * 1e3,
+            true_mean_stretch_mm: truth.map_or(f64::NAN, |t| t.mean_stretch * 1e3),
+            mode: telemetry.law.mode,
+            duty_cycle: telemetry.law.duty_cycle,
+        }
+    }
+}
+
+/// Writes all rows as CSV; a number that is not known stands as an empty field.
+///
+/// # Errors
+/// The writer fails.
+pub fn write_csv(rows: &[Row], mut writer: impl Write) -> std::io::Result<()> {
+    writeln!(writer, "{HEADER}")?;
+    for row in rows {
+        let numbers = [
+            row.t_s,
+            row.depth_mm,
+            row.lateral_error_mm,
+            row.true_lateral_error_mm,
+            row.predicted_miss_mm,
+            row.base_mm.x,
+            row.base_mm.y,
+            row.base_mm.z,
+            row.tilt_deg,
+            row.roll_deg,
+            row.stiffness,
+            row.mean_stretch_mm,
+            row.true_mean_stretch_mm,
+        ];
+        for number in numbers {
+            write_number(&mut writer, number)?;
+            writer.write_all(b",")?;
+        }
+        write!(writer, "{:?},", row.mode)?;
+        write_number(&mut writer, row.duty_cycle)?;
+        writer.write_all(b"\n")?;
+    }
+    writer.flush()
+}
+
+fn write_number(writer: &mut impl Write, number: f64) -> std::io::Result<()> {
+    if number.is_finite() {
+        write!(writer, "{number}")
+    } else {
+        Ok(())
+    }
+}

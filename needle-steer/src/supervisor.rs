@@ -1,0 +1,194 @@
+//! The supervisor: bounds and watchdogs outside any law. It only ever holds or stops.
+
+use std::time::Duration;
+
+use hal::telemetry::Telemetry;
+use hal::{ArmMode, ArmState, FaultReason, Stamp};
+use nalgebra::{Point3, Unit, Vector3};
+use serde::Serialize;
+
+/// Bounds in SI units.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bounds {
+    /// Largest tissue stretch \[m\].
+    pub tissue_stretch: f64,
+    /// Largest lateral force at the entry \[N\].
+    pub entry_force: f64,
+    /// Nominal axis: entry point and direction into the tissue, in World.
+    pub axis: (Point3<f64>, Unit<Vector3<f64>>),
+    /// Largest distance of the needle's base from the nominal axis \[m\].
+    pub workspace_radius: f64,
+    /// Without an image for longer: hold still.
+    pub image_hold: Duration,
+    /// Without an image for longer: stop the run.
+    pub image_stop: Duration,
+    /// Encoders read longer ago: stop the run.
+    pub encoder_stop: Duration,
+}
+
+/// Why the supervisor stopped the run; latched until the run ends.
+#[derive(Clone, Debug, PartialEq, Serialize, thiserror::Error)]
+#[serde(tag = "reason", rename_all = "snake_case")]
+pub enum StopReason {
+    /// The arm faulted.
+    #[error("the arm faulted: {fault:?}")]
+    ArmFault {
+        /// The arm's own reason.
+        fault: FaultReason,
+    },
+    /// The arm left its enabled state.
+    #[error("the arm is not enabled but {mode:?}")]
+    ArmNotEnabled {
+        /// The arm's mode.
+        mode: ArmMode,
+    },
+    /// No encoder reading for too long.
+    #[error("no encoder reading for {age_s:.3} s")]
+    EncoderTimeout {
+        /// Age of the newest reading \[s\].
+        age_s: f64,
+    },
+    /// No image for too long.
+    #[error("no image for {age_s:.3} s")]
+    ImageTimeout {
+        /// Age of the newest image \[s\].
+        age_s: f64,
+    },
+    /// Tissue stretched too far.
+    #[error("tissue stretched by {value_m:.4} m, bound {bound_m:.4} m")]
+    TissueStretch {
+        /// The model's largest stretch \[m\].
+        value_m: f64,
+        /// The bound \[m\].
+        bound_m: f64,
+    },
+    /// Lateral force at the entry too high.
+    #[error("lateral force at the entry {value_n:.2} N, bound {bound_n:.2} N")]
+    EntryForce {
+        /// The model's force \[N\].
+        value_n: f64,
+        /// The bound \[N\].
+        bound_n: f64,
+    },
+    /// The needle's base left the workspace.
+    #[error("needle base {distance_m:.4} m from the nominal axis, bound {bound_m:.4} m")]
+    Workspace {
+        /// Distance of the base from the axis \[m\].
+        distance_m: f64,
+        /// The bound \[m\].
+        bound_m: f64,
+    },
+    /// A non-finite number in the state or the command.
+    #[error("a non-finite number in {place}")]
+    NonFinite {
+        /// Where it was.
+        place: &'static str,
+    },
+}
+
+/// Verdict on one arm period.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// The command may go out.
+    Go,
+    /// Zero velocity instead of the command.
+    Hold,
+    /// Stop and end the run.
+    Stop(StopReason),
+}
+
+/// Watches one run.
+#[derive(Clone, Debug)]
+pub struct Supervisor {
+    bounds: Bounds,
+    newest_image: Stamp,
+    latched: Option<StopReason>,
+}
+
+impl Supervisor {
+    /// A supervisor for a run that starts at `start`.
+    pub fn new(bounds: Bounds, start: Stamp) -> Self {
+        Self {
+            bounds,
+            newest_image: start,
+            latched: None,
+        }
+    }
+
+    /// Notes the exposure of an image that arrived.
+    pub fn image(&mut self, stamp: Stamp) {
+        self.newest_image = self.newest_image.max(stamp);
+    }
+
+    /// The latched reason, if any.
+    pub fn latched(&self) -> Option<&StopReason> {
+        self.latched.as_ref()
+    }
+
+    /// Judges the state and the newest telemetry before a command goes out.
+    pub fn judge(&mut self, now: Stamp, arm: &ArmState, telemetry: &Telemetry) -> Verdict {
+        if self.latched.is_none() {
+            self.latched = self.violation(now, arm, telemetry).err();
+        }
+        match &self.latched {
+            Some(reason) => Verdict::Stop(reason.clone()),
+            None if now.since(self.newest_image) > self.bounds.image_hold => Verdict::Hold,
+            None => Verdict::Go,
+        }
+    }
+
+    fn violation(&self, now: Stamp, arm: &ArmState, t: &Telemetry) -> Result<(), StopReason> {
+        let bounds = &self.bounds;
+        match arm.mode {
+            ArmMode::Enabled | ArmMode::Moving => {}
+            ArmMode::Faulted(fault) => return Err(StopReason::ArmFault { fault }),
+            mode => return Err(StopReason::ArmNotEnabled { mode }),
+        }
+        if now.since(arm.stamp) > bounds.encoder_stop {
+            return Err(StopReason::EncoderTimeout {
+                age_s: now.secs_since(arm.stamp),
+            });
+        }
+        if now.since(self.newest_image) > bounds.image_stop {
+            return Err(StopReason::ImageTimeout {
+                age_s: now.secs_since(self.newest_image),
+            });
+        }
+        if !arm.positions.is_finite() {
+            return Err(StopReason::NonFinite {
+                place: "joint positions",
+            });
+        }
+        if !t.joint_rates.is_finite() {
+            return Err(StopReason::NonFinite {
+                place: "joint rates",
+            });
+        }
+        if exceeds(t.model.max_stretch, bounds.tissue_stretch) {
+            return Err(StopReason::TissueStretch {
+                value_m: t.model.max_stretch,
+                bound_m: bounds.tissue_stretch,
+            });
+        }
+        if exceeds(t.model.entry_force, bounds.entry_force) {
+            return Err(StopReason::EntryForce {
+                value_n: t.model.entry_force,
+                bound_n: bounds.entry_force,
+            });
+        }
+        let offset = t.world_from_base.origin().point() - bounds.axis.0;
+        let distance = (offset - bounds.axis.1.scale(offset.dot(&bounds.axis.1))).norm();
+        if exceeds(distance, bounds.workspace_radius) {
+            return Err(StopReason::Workspace {
+                distance_m: distance,
+                bound_m: bounds.workspace_radius,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Beyond the bound; a value that is not a number is.
+fn exceeds(value: f64, bound: f64) -> bool {
+    value.is_nan() || value > bound
+}

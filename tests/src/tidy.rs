@@ -1,0 +1,71 @@
+//! Counts the exceptions that the code base allows itself.
+
+use std::path::PathBuf;
+
+use crate::equations::rust_files;
+
+fn sources() -> Vec<(PathBuf, String)> {
+    let root = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let mut files = Vec::new();
+    for member in [
+        "hal",
+        "needle-model",
+        "hybrid-control",
+        "vision",
+        "robots",
+        "phantom",
+        "rosbridge",
+        "needle-steer",
+    ] {
+        rust_files(&root.join(member).join("src"), &mut files);
+    }
+    files
+        .into_iter()
+        .map(|file| (file.clone(), std::fs::read_to_string(file).unwrap()))
+        .collect()
+}
+
+/// Files that may switch the lint on unsafe code off, with the number of places.
+const UNSAFE_EXCEPTIONS: [(&str, usize); 0] = [];
+
+#[test]
+fn unsafe_code_stands_only_where_it_is_named() {
+    let mut found = Vec::new();
+    for (file, text) in sources() {
+        let places = text.lines().filter(|l| l.contains("(unsafe_code")).count();
+        if places > 0 {
+            found.push((file, places));
+        }
+    }
+    let expected: Vec<_> = UNSAFE_EXCEPTIONS.iter().collect();
+    assert_eq!(found.len(), expected.len(), "{found:?}");
+    for (name, places) in expected {
+        assert!(
+            found
+                .iter()
+                .any(|(file, n)| file.ends_with(name) && n == places),
+            "{name}: {found:?}"
+        );
+    }
+}
+
+#[test]
+fn no_file_is_longer_than_500_lines() {
+    for (file, text) in sources() {
+        let lines = text.lines().count();
+        assert!(
+            lines <= 500,
+            "{} has {lines} lines: split it",
+            file.display()
+        );
+    }
+}
+
+#[test]
+fn nothing_is_left_to_do_in_the_code() {
+    for (file, text) in sources() {
+        for word in ["todo!", "unimplemented!", "FIXME", "XXX"] {
+            assert!(!text.contains(word), "{}: {word}", file.display());
+        }
+    }
+}
