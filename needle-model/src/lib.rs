@@ -1,1 +1,33 @@
 //! Mechanics of a flexible bevel-tip needle in soft tissue.
+//!
+//! Modules in reading order. Everything is in World, SI units and radians; twists are
+//! \[linear; angular\] of a frame's origin.
+
+mod needle;
+
+mod bevel;
+
+mod tissue;
+
+mod spring;
+
+mod segment;
+
+mod frame;
+
+mod piece;
+
+mod block;
+
+mod equilibrium;
+
+mod jacobian;
+
+pub use bevel::{Bevel, BevelError, BevelLoad, cut_angle};
+pub use equilibrium::{Convergence, Equilibrium, EquilibriumError};
+pub use jacobian::{TangentError, jacobian_in_frames};
+pub use needle::{Needle, NeedleError, second_moment_of_area};
+pub use piece::TipLoad;
+pub use segment::{Segment, curvature_gap, derivative_gap, position_gap};
+pub use spring::{Spring, spring_force, spring_stiffness, supported_lengths};
+pub use tissue::{Layer, Tissue, TissueError};

@@ -1,5 +1,6 @@
 //! Ground truth: needle, tissue, cameras and their flaws.
 
+pub mod camera;
 pub mod view;
 
 pub use view::NeedleView;

@@ -1,11 +1,14 @@
 //! Stereo calibration and needle tracking.
 //!
 //! * [`camera`]: camera models, refraction through the container's walls, triangulation.
+//! * [`detect`]: chessboards in images.
 #![cfg_attr(
     test,
     allow(clippy::float_cmp, reason = "tests compare exact constructions")
 )]
 
 pub mod camera;
+pub mod detect;
+mod homography;
 
 pub use camera::{Camera, DistortedPx, StereoRig, UndistortedPx};

@@ -34,6 +34,11 @@ impl SparsePlane {
         }
     }
 
+    /// Width and height \[px\].
+    pub(super) const fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
     /// Rows that may hold something: `first..end`.
     pub(super) fn rows(&self) -> core::ops::Range<usize> {
         self.rows.0.min(self.rows.1)..self.rows.1
@@ -86,6 +91,11 @@ impl SparsePlane {
         self.edge(previous, first, weight);
     }
 
+    /// Adds a closed polygon with weight one.
+    pub(super) fn outline(&mut self, vertices: &mut dyn Iterator<Item = Pixel>) {
+        self.polygon(vertices, 1.0);
+    }
+
     /// Turns the differences left by [`Self::polygon`] into coverage.
     pub(super) fn resolve(&mut self) {
         for y in self.rows() {
@@ -127,7 +137,21 @@ impl SparsePlane {
             let (a, b) = (pair[0], pair[1]);
             if b > a && at(0.5 * (a + b)) < w {
                 self.strip(at(a).clamp(0.0, w), a, at(b).clamp(0.0, w), b, sign);
+            } else if b > a {
+                self.reach_right_border(a, b);
             }
+        }
+    }
+
+    /// What lies left of an edge beyond the right border is covered up to the border.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "coordinates were clipped to the image"
+    )]
+    fn reach_right_border(&mut self, top: f64, bottom: f64) {
+        for y in top as usize..(bottom.ceil() as usize).min(self.height) {
+            self.touch(y, self.width, self.width);
         }
     }
 

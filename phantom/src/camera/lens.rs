@@ -41,14 +41,8 @@ impl Lens {
         let slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3));
         let mixed = x * y * slope + 2.0 * (p1 * x + p2 * y);
         [
-            [
-                radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
-                mixed,
-            ],
-            [
-                mixed,
-                radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
-            ],
+            [radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x, mixed],
+            [mixed, radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x],
         ]
     }
 

@@ -92,8 +92,8 @@ impl Window {
         let outward = if q > 0.0 { lateral / q } else { lateral };
         let (wall_slope, _) = slope_in(self.wall_index, q);
         let (slope, _) = slope_in(index, q);
-        let inner = (self.air + self.wall) * self.axis
-            + (self.air * q + self.wall * wall_slope) * outward;
+        let inner =
+            (self.air + self.wall) * self.axis + (self.air * q + self.wall * wall_slope) * outward;
         Some((inner, (self.axis + slope * outward).normalize()))
     }
 }

@@ -66,8 +66,7 @@ impl View {
             },
             gel_index: rig.container.gel_index,
             surface_normal,
-            surface_offset: surface_normal
-                .dot(&(camera_from_left * surface.point.point()).coords),
+            surface_offset: surface_normal.dot(&(camera_from_left * surface.point.point()).coords),
         }
     }
 

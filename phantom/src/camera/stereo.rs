@@ -1,0 +1,256 @@
+//! The pair of cameras as a device: exposures, latency, drops, pooled images.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use core::time::Duration;
+
+use hal::frame::{LeftCamera, World};
+use hal::{CameraFrame, GrayImage, Stamp, StereoCamera, StereoFrame, Transform};
+use nalgebra::Isometry3;
+use rand::RngExt;
+
+use super::background;
+use super::board::{BoardError, BoardView};
+use super::calibration::{self, Undetermined};
+use super::geometry;
+use super::noise::{Noise, Stream, generator};
+use super::parameters::{RigParameters, Side};
+use super::renderer::Renderer;
+use super::settings::{CameraSettings, SettingsError};
+use super::view::View;
+use crate::NeedleView;
+
+/// A rig that cannot be built.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum RigError {
+    /// A setting is outside its range.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// A distortion that maps two directions to one pixel.
+    #[error("the {camera} camera's distortion folds within its image")]
+    Folded {
+        /// Which camera.
+        camera: &'static str,
+    },
+    /// The calibration whose covariance is asked for has no solution.
+    #[error(transparent)]
+    Calibration(#[from] Undetermined),
+}
+
+/// Images kept for reuse; more are given away.
+const POOL: usize = 64;
+/// Number of an exposure of a board, apart from those of the needle.
+const BOARDS: u64 = 1 << 40;
+
+/// Two synchronised cameras before the gel, with seeded flaws.
+///
+/// The plant is brought to [`Self::next_exposure`] and shown with [`Self::expose`]; the pair
+/// arrives, for [`StereoCamera::poll`], once [`Self::advance_to`] has passed its latency.
+/// What is drawn for an exposure depends on the seed and the exposure's number alone.
+#[derive(Debug)]
+pub struct StereoRig {
+    settings: CameraSettings,
+    seed: u64,
+    truth: RigParameters,
+    given: RigParameters,
+    views: [View; 2],
+    renderers: [Renderer; 2],
+    pool: Vec<Arc<GrayImage>>,
+    in_flight: VecDeque<(Stamp, StereoFrame)>,
+    sequence: u64,
+    last_delivery: Stamp,
+    now: Stamp,
+}
+
+impl StereoRig {
+    /// Builds the rig before a phantom at `world_from_phantom` (z into the gel).
+    ///
+    /// # Errors
+    /// A setting is outside its range, or the calibration's views do not determine it.
+    pub fn new(
+        settings: &CameraSettings,
+        world_from_phantom: &Isometry3<f64>,
+        seed: u64,
+    ) -> Result<Self, RigError> {
+        settings.validate()?;
+        let truth = geometry::true_parameters(settings, world_from_phantom);
+        for (camera, lens) in [("left", &truth.left), ("right", &truth.right)] {
+            if !lens.unfolded(settings.width_px, settings.height_px) {
+                return Err(RigError::Folded { camera });
+            }
+        }
+        let given = calibration::given(&truth, &settings.calibration, seed)?;
+        let views = Side::BOTH.map(|side| truth.view(side));
+        let noise = Noise::new(&settings.noise, settings.width_px, seed).map(Arc::new);
+        let renderers = [0, 1].map(|index| {
+            let mut levels = background::screen(settings, index, seed);
+            background::gel(
+                &mut levels,
+                settings,
+                index,
+                &views[index],
+                world_from_phantom,
+                seed,
+            );
+            Renderer::new(settings, levels, noise.clone())
+        });
+        Ok(Self {
+            settings: settings.clone(),
+            seed,
+            truth,
+            given,
+            views,
+            renderers,
+            pool: Vec::with_capacity(POOL),
+            in_flight: VecDeque::new(),
+            sequence: 0,
+            last_delivery: Stamp::ZERO,
+            now: Stamp::ZERO,
+        })
+    }
+
+    /// The rig as it is: for scores and tests.
+    pub const fn truth(&self) -> &RigParameters {
+        &self.truth
+    }
+
+    /// The rig as its calibration and registration have it: for the controller.
+    pub const fn given(&self) -> &RigParameters {
+        &self.given
+    }
+
+    /// Pose of the true stereo frame in the laboratory.
+    pub fn world_from_left_camera(&self) -> Transform<World, LeftCamera> {
+        self.truth.left_from_world.inverse()
+    }
+
+    /// The settings it was built from.
+    pub const fn settings(&self) -> &CameraSettings {
+        &self.settings
+    }
+
+    /// When the next exposure is due: 0, 1, 2 ... over the rate.
+    pub fn next_exposure(&self) -> Stamp {
+        Stamp::from_secs(self.sequence as f64 / self.settings.rate_hz)
+    }
+
+    /// Takes the pair that is due at [`Self::next_exposure`] and sends it on its way, unless it
+    /// is dropped.
+    pub fn expose(&mut self, needle: &NeedleView) {
+        let stamp = self.next_exposure();
+        let sequence = self.sequence;
+        self.sequence += 1;
+        let delivery = &self.settings.delivery;
+        let mut generator = generator(self.seed, Stream::Delivery, sequence);
+        let dropped = generator.random::<f64>() < delivery.drop_probability;
+        let spread = delivery.latency_max_ms - delivery.latency_min_ms;
+        let latency_ms = delivery.latency_min_ms + spread * generator.random::<f64>();
+        if dropped {
+            return;
+        }
+        let [left, right] = self.render(needle, sequence).map(|image| CameraFrame {
+            stamp,
+            sequence,
+            image,
+        });
+        let delivered = stamp + Duration::from_secs_f64(1e-3 * latency_ms);
+        self.last_delivery = self.last_delivery.max(delivered);
+        self.in_flight
+            .push_back((self.last_delivery, StereoFrame { left, right }));
+    }
+
+    /// Moves the rig's clock on; pairs that have arrived by `now` can be polled.
+    pub fn advance_to(&mut self, now: Stamp) {
+        self.now = self.now.max(now);
+    }
+
+    /// Left and right image of a needle as exposure number `sequence` shows it; no timing.
+    pub fn render(&mut self, needle: &NeedleView, sequence: u64) -> [Arc<GrayImage>; 2] {
+        self.draw(Some(needle), sequence)
+    }
+
+    /// Left and right image without a needle.
+    pub fn empty(&mut self, sequence: u64) -> [Arc<GrayImage>; 2] {
+        self.draw(None, sequence)
+    }
+
+    fn draw(&mut self, needle: Option<&NeedleView>, sequence: u64) -> [Arc<GrayImage>; 2] {
+        Side::BOTH.map(|side| {
+            let index = side.index();
+            let mut image = self.blank();
+            let mut generator = generator(self.seed, Stream::Exposure, 2 * sequence + index as u64);
+            self.renderers[index].draw(
+                &self.views[index],
+                needle,
+                &mut generator,
+                Arc::make_mut(&mut image),
+            );
+            self.keep(&image);
+            image
+        })
+    }
+
+    /// Left and right image of a board, the container removed.
+    ///
+    /// # Errors
+    /// A camera does not see the board's face.
+    pub fn board_pair(
+        &mut self,
+        board: &BoardView,
+        sequence: u64,
+    ) -> Result<[Arc<GrayImage>; 2], BoardError> {
+        for (view, camera) in self.views.iter().zip(["left", "right"]) {
+            board.check(view, camera)?;
+        }
+        Ok(Side::BOTH.map(|side| {
+            let index = side.index();
+            let mut image = self.blank();
+            let number = BOARDS + 2 * sequence + index as u64;
+            let mut generator = generator(self.seed, Stream::Exposure, number);
+            self.renderers[index].draw_board(
+                &self.views[index],
+                board,
+                &mut generator,
+                Arc::make_mut(&mut image),
+            );
+            self.keep(&image);
+            image
+        }))
+    }
+
+    /// An image nobody else holds: from the pool if there is one.
+    fn blank(&mut self) -> Arc<GrayImage> {
+        let free = self
+            .pool
+            .iter_mut()
+            .position(|image| Arc::get_mut(image).is_some());
+        match free {
+            Some(i) => self.pool.swap_remove(i),
+            None => Arc::new(GrayImage::filled(
+                self.settings.width_px,
+                self.settings.height_px,
+                0,
+            )),
+        }
+    }
+
+    fn keep(&mut self, image: &Arc<GrayImage>) {
+        if self.pool.len() < POOL {
+            self.pool.push(image.clone());
+        }
+    }
+}
+
+impl StereoCamera for StereoRig {
+    fn poll(&mut self) -> Result<Option<StereoFrame>, hal::Error> {
+        let mut newest = None;
+        while let Some((arrival, _)) = self.in_flight.front() {
+            if *arrival > self.now {
+                break;
+            }
+            newest = self.in_flight.pop_front().map(|(_, frame)| frame);
+        }
+        Ok(newest)
+    }
+}

@@ -1,0 +1,136 @@
+//! Sub-pixel position of a crossing.
+//!
+//! At the centre every gradient of the window is orthogonal to the line that joins it to the
+//! centre [Foerstner1987]; the weighted least squares of that, iterated.
+
+use hal::GrayImage;
+use nalgebra::{Matrix2, Point2, Vector2};
+
+/// Settings of the refinement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RefineOptions {
+    /// Greatest half width of the window \[px\]; a corner's own is also at most a quarter of
+    /// the distance to its nearest neighbour, so that no other edge enters it.
+    pub max_half_width: usize,
+    /// Greatest number of iterations.
+    pub max_iterations: usize,
+}
+
+impl Default for RefineOptions {
+    fn default() -> Self {
+        Self {
+            max_half_width: 5,
+            max_iterations: 20,
+        }
+    }
+}
+
+/// Half width above which the buffers do not suffice \[px\].
+const LARGEST: usize = 12;
+/// A step below this ends the iteration \[px\].
+const SETTLED: f64 = 1e-3;
+
+/// The crossing near `start`; `None` if the iteration leaves the window or does not settle.
+/// The half width is limited to 2..=12.
+pub fn refine_corner(
+    image: &GrayImage,
+    start: Point2<f64>,
+    half_width: usize,
+    max_iterations: usize,
+) -> Option<Point2<f64>> {
+    let half = half_width.clamp(2, LARGEST);
+    let size = 2 * half + 3;
+    let mut weights = [0.0_f32; 2 * LARGEST + 1];
+    for (k, w) in weights.iter_mut().take(2 * half + 1).enumerate() {
+        let x = (k as f32 - half as f32) / half as f32;
+        *w = (-x * x).exp();
+    }
+    let mut patch = [0.0_f32; (2 * LARGEST + 3) * (2 * LARGEST + 3)];
+    let mut at = start;
+    for _ in 0..max_iterations.max(1) {
+        sample(image, &at, &mut patch[..size * size], size)?;
+        let (a, b) = moments(&patch[..size * size], size, &weights[..2 * half + 1]);
+        let det = a.determinant();
+        // Both edge directions must be there: the smaller eigenvalue not below a thousandth.
+        if det.is_nan() || det <= 1e-3 * a.trace() * a.trace() / 4.0 {
+            return None;
+        }
+        let step = Vector2::new(
+            a[(1, 1)] * b.x - a[(0, 1)] * b.y,
+            a[(0, 0)] * b.y - a[(1, 0)] * b.x,
+        ) / det;
+        at += step;
+        if (at - start).amax() > half as f64 {
+            return None;
+        }
+        if step.norm() < SETTLED {
+            return Some(at);
+        }
+    }
+    None
+}
+
+/// Bilinear samples of the window with one pixel around it for the differences.
+fn sample(image: &GrayImage, at: &Point2<f64>, patch: &mut [f32], size: usize) -> Option<()> {
+    let reach = (size / 2) as f64;
+    let (x0, y0) = (at.x - reach, at.y - reach);
+    let (w, h) = (image.width() as f64, image.height() as f64);
+    let inside = x0 >= 0.0 && y0 >= 0.0 && at.x + reach + 1.0 < w && at.y + reach + 1.0 < h;
+    if !inside {
+        return None;
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "checked to lie inside the image"
+    )]
+    let (xi, yi) = (x0 as usize, y0 as usize);
+    #[expect(clippy::cast_possible_truncation, reason = "a fraction of a pixel")]
+    let (fx, fy) = ((x0 - xi as f64) as f32, (y0 - yi as f64) as f32);
+    let (w00, w10) = ((1.0 - fx) * (1.0 - fy), fx * (1.0 - fy));
+    let (w01, w11) = ((1.0 - fx) * fy, fx * fy);
+    for (r, line) in patch.chunks_exact_mut(size).enumerate() {
+        let top = &image.row(yi + r)[xi..=xi + size];
+        let bottom = &image.row(yi + r + 1)[xi..=xi + size];
+        for k in 0..size {
+            line[k] = w00 * f32::from(top[k])
+                + w10 * f32::from(top[k + 1])
+                + w01 * f32::from(bottom[k])
+                + w11 * f32::from(bottom[k + 1]);
+        }
+    }
+    Some(())
+}
+
+/// Sum of w g g^T, and of w g g^T p with p from the window's centre.
+fn moments(patch: &[f32], size: usize, weights: &[f32]) -> (Matrix2<f64>, Vector2<f64>) {
+    let n = weights.len();
+    let half = (n / 2) as f32;
+    let (mut a, mut b, mut c, mut bx, mut by) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+    for r in 0..n {
+        let up = &patch[r * size + 1..][..n];
+        let mid = &patch[(r + 1) * size..][..size];
+        let down = &patch[(r + 2) * size + 1..][..n];
+        let y = r as f32 - half;
+        let (mut xx, mut xy, mut yy, mut sx, mut sy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for k in 0..n {
+            let gx = mid[k + 2] - mid[k];
+            let gy = down[k] - up[k];
+            let w = weights[k];
+            let x = k as f32 - half;
+            let (wxx, wxy, wyy) = (w * gx * gx, w * gx * gy, w * gy * gy);
+            xx += wxx;
+            xy += wxy;
+            yy += wyy;
+            sx += wxx * x + wxy * y;
+            sy += wxy * x + wyy * y;
+        }
+        let w = f64::from(weights[r]);
+        a += w * f64::from(xx);
+        b += w * f64::from(xy);
+        c += w * f64::from(yy);
+        bx += w * f64::from(sx);
+        by += w * f64::from(sy);
+    }
+    (Matrix2::new(a, b, b, c), Vector2::new(bx, by))
+}
