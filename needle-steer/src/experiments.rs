@@ -84,11 +84,17 @@ impl Plan {
     /// Configuration of one run of one experiment.
     pub fn config(&self, experiment: &Experiment, seed: u64) -> Config {
         let mut config = self.base.clone();
-        config.run.law =
-            if experiment.controlled { self.law.clone() } else { "none".to_owned() };
+        config.run.law = if experiment.controlled {
+            self.law.clone()
+        } else {
+            "none".to_owned()
+        };
         config.run.seed = seed;
-        config.target.kind =
-            if experiment.offset_mm > 0.0 { TargetKind::Shifted } else { TargetKind::Aligned };
+        config.target.kind = if experiment.offset_mm > 0.0 {
+            TargetKind::Shifted
+        } else {
+            TargetKind::Aligned
+        };
         config.target.depth_mm = 80.0;
         config.target.offset_mm = experiment.offset_mm;
         config.target.angle_deg = experiment.angle_deg;
@@ -188,9 +194,12 @@ pub fn reproduce<E: Send>(
     plan.experiments
         .iter()
         .map(|experiment| {
-            let runs: Result<Vec<_>, E> =
-                (0..plan.runs).filter_map(|_| results.next()).collect();
-            let law = if experiment.controlled { plan.law.clone() } else { "none".to_owned() };
+            let runs: Result<Vec<_>, E> = (0..plan.runs).filter_map(|_| results.next()).collect();
+            let law = if experiment.controlled {
+                plan.law.clone()
+            } else {
+                "none".to_owned()
+            };
             Ok(ExperimentResult::new(*experiment, law, runs?))
         })
         .collect()
@@ -219,7 +228,9 @@ pub fn in_parallel<T: Sync, R: Send>(
             });
         }
     });
-    let mut done = done.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let mut done = done
+        .into_inner()
+        .unwrap_or_else(std::sync::PoisonError::into_inner);
     done.sort_by_key(|(index, _)| *index);
     done.into_iter().map(|(_, result)| result).collect()
 }

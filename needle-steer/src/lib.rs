@@ -9,6 +9,8 @@
 pub mod cli;
 pub mod clock;
 pub mod config;
+pub mod experiments;
+pub mod odometry;
 pub mod outcome;
 pub mod plot;
 pub mod series;

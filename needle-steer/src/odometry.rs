@@ -15,7 +15,10 @@ pub struct Odometry {
 impl Odometry {
     /// Keeps the newest `capacity` poses.
     pub fn new(capacity: usize) -> Self {
-        Self { poses: VecDeque::with_capacity(capacity), capacity }
+        Self {
+            poses: VecDeque::with_capacity(capacity),
+            capacity,
+        }
     }
 
     /// Adds a pose; one that is not newer than the last is ignored.
@@ -54,7 +57,10 @@ impl Odometry {
 fn between(a: &Isometry3<f64>, b: &Isometry3<f64>, fraction: f64) -> Isometry3<f64> {
     let turn = (a.rotation.inverse() * b.rotation).scaled_axis() * fraction;
     Isometry3::from_parts(
-        a.translation.vector.lerp(&b.translation.vector, fraction).into(),
+        a.translation
+            .vector
+            .lerp(&b.translation.vector, fraction)
+            .into(),
         a.rotation * nalgebra::UnitQuaternion::from_scaled_axis(turn),
     )
 }

@@ -1,6 +1,8 @@
 //! The command line: human text on stderr, results on stdout, exit code 0 done, 1 failed run or
 //! fault, 2 bad usage or configuration.
 
+mod arm;
+
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -19,6 +21,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Forward kinematics of an arm: pose and Jacobian of a link.
+    Fk(arm::FkArgs),
     /// Check a configuration.
     Check {
         /// Configuration file (TOML).
@@ -49,13 +53,28 @@ pub fn main() -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             report(&error);
-            if error.downcast_ref::<config::ConfigError>().is_some() {
+            let usage = error.downcast_ref::<config::ConfigError>().is_some()
+                || error.downcast_ref::<Usage>().is_some();
+            if usage {
                 ExitCode::from(2)
             } else {
                 ExitCode::from(1)
             }
         }
     }
+}
+
+/// Arguments or input files that cannot be used: exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Usage(String);
+
+/// One JSON document on stdout.
+fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
+    let mut stdout = std::io::stdout().lock();
+    serde_json::to_writer(&mut stdout, value)?;
+    writeln!(stdout)?;
+    Ok(())
 }
 
 /// One line for the error, one for each cause.
@@ -72,6 +91,7 @@ fn report(error: &anyhow::Error) {
 
 fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
+        Command::Fk(args) => return arm::fk(&args),
         Command::Check { config } => {
             config::load(Some(&config), &[])?;
             writeln!(std::io::stdout(), "{}: valid", config.display())?;

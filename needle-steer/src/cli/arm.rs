@@ -1,0 +1,97 @@
+//! `fk` and `ik`: kinematics of any arm with a URDF.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Args;
+use hal::Joints;
+use nalgebra::Matrix4;
+use robots::kinematics::Chain;
+use serde::Serialize;
+
+use super::{Usage, print_json};
+
+/// The arm.
+#[derive(Debug, Args)]
+pub(super) struct ArmArgs {
+    /// URDF file.
+    #[arg(long)]
+    urdf: PathBuf,
+    /// Link at the end of the chain; the chain runs from the URDF's root to it.
+    #[arg(long)]
+    tip: String,
+}
+
+impl ArmArgs {
+    fn chain(&self) -> anyhow::Result<Chain> {
+        let file = self.urdf.display();
+        let xml = std::fs::read_to_string(&self.urdf)
+            .map_err(|e| Usage(format!("{file}: cannot be read: {e}")))?;
+        Ok(Chain::from_urdf(&xml, &self.tip).map_err(|e| Usage(format!("{file}: {e}")))?)
+    }
+}
+
+/// Forward kinematics: pose and Jacobian of the tip.
+#[derive(Debug, Args)]
+pub(super) struct FkArgs {
+    #[command(flatten)]
+    arm: ArmArgs,
+    /// Joint positions \[rad\], comma-separated; once for each pose.
+    #[arg(long, required = true, allow_hyphen_values = true)]
+    joints: Vec<String>,
+    /// Accepted for symmetry; the output is always JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct FkItem {
+    transform: [[f64; 4]; 4],
+    jacobian: Vec<Vec<f64>>,
+}
+
+pub(super) fn fk(args: &FkArgs) -> anyhow::Result<ExitCode> {
+    let chain = args.arm.chain()?;
+    let mut items = Vec::with_capacity(args.joints.len());
+    for text in &args.joints {
+        let q = numbers(text, chain.len(), "--joints")?;
+        let q = Joints::from_slice(&q).context("--joints")?;
+        let (pose, jacobian) = chain.forward_jacobian(&q);
+        items.push(FkItem {
+            transform: rows(&pose.to_homogeneous()),
+            jacobian: (0..6)
+                .map(|i| (0..chain.len()).map(|j| jacobian[(i, j)]).collect())
+                .collect(),
+        });
+    }
+    print_json(&items)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Exactly `count` finite numbers, separated by commas or white space.
+fn numbers(text: &str, count: usize, option: &str) -> Result<Vec<f64>, Usage> {
+    let values: Result<Vec<f64>, Usage> = text
+        .split(|c: char| c == ',' || c.is_whitespace())
+        .filter(|part| !part.is_empty())
+        .map(|part| match part.parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(value),
+            _ => Err(Usage(format!(
+                "{option}={text}: `{part}` is not a finite number"
+            ))),
+        })
+        .collect();
+    let values = values?;
+    if values.len() == count {
+        Ok(values)
+    } else {
+        Err(Usage(format!(
+            "{option}={text}: expected {count} numbers, found {}",
+            values.len()
+        )))
+    }
+}
+
+fn rows(m: &Matrix4<f64>) -> [[f64; 4]; 4] {
+    core::array::from_fn(|i| core::array::from_fn(|j| m[(i, j)]))
+}
