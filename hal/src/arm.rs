@@ -30,7 +30,7 @@ pub enum ArmMode {
     Enabled,
     /// Executing a command.
     Moving,
-    /// Slowing down after `stop` or an expired command.
+    /// Slowing down after `stop`.
     Stopping,
     /// Stopped by a fault, which stays until `reset`.
     Faulted(FaultReason),
@@ -110,9 +110,12 @@ pub struct RateCommand {
 /// * Rates of zero are always a legal command.
 /// * A command with a non-finite value is rejected and faults; late, old and duplicate ones are
 ///   rejected and change nothing.
-/// * A command not renewed for 48 ms ramps to zero, and for 200 ms faults
-///   ([`FaultReason::StaleCommand`]), unless the driver's configuration says otherwise.
-///   Nothing is ever extrapolated.
+/// * A command not renewed for 48 ms ramps to zero while the mode stays `Moving`, so that a
+///   fresh command resumes; not renewed for 200 ms it faults ([`FaultReason::StaleCommand`]),
+///   unless the driver's configuration says otherwise. Nothing is ever extrapolated.
+/// * A command of zero, once carried out, leads back to `Enabled` and needs no renewal.
+/// * The stamp of a command may not be further from the present, before or after it, than the
+///   time after which it expires.
 /// * Commands beyond a limit are slowed in their direction, never bent.
 /// * `stop` works in every mode, is idempotent, and brings the arm to rest; dropping the
 ///   driver stops too. After `stop` a moving arm is `Stopping`, then `Enabled`.

@@ -1,1 +1,37 @@
-//! Steering laws: tasks, priorities, duty cycling, estimation.
+//! Steering laws: tasks, priorities, duty cycling, prediction, estimation.
+//!
+//! Read [`view`] first: what a law sees and what it answers. The paper's section III follows
+//! equation by equation in [`tasks`], [`priority`] and [`duty_cycle`]; beyond the paper are the
+//! [`bevel`] modulator, the [`levels`] with inequality constraints and the [`estimator`] with
+//! its predictive model. [`laws`] puts them together; [`reach`] says when it is over.
+//!
+//! Everything is in World unless a name says otherwise; SI units.
+//!
+//! **Architecture invariant:** no device, no clock, no I/O; time and measurements are
+//! arguments, and nothing here fails at run time: what cannot be used gives zero velocity.
+
+pub mod view;
+
+pub mod tasks;
+
+pub mod priority;
+
+pub mod duty_cycle;
+
+pub mod bevel;
+pub mod qp;
+
+pub mod levels;
+
+pub mod estimator;
+pub mod laws;
+pub mod reach;
+pub mod settings;
+
+pub use estimator::{Estimator, EstimatorError, Health, Observation, Rollout, Start};
+pub use laws::{LAW_NAMES, LawError, law_by_name};
+pub use reach::{
+    Means, ReachMonitor, Unreachable, lateral_error, reachable_at_start, target_ahead,
+};
+pub use settings::{EstimatorSettings, LawSettings, Limits};
+pub use view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};

@@ -205,18 +205,32 @@ impl Equilibrium {
         self.set_base(world_from_base);
         self.load = load;
         if warm {
-            let result = self.converge(|_| {});
+            let result = self.converge(|_, _| {});
             if result.is_ok() {
-                return result;
+                return self.reaches_last_spring(result);
             }
         }
-        self.restart(|_| {})
+        let result = self.restart(|_, _| {});
+        self.reaches_last_spring(result)
+    }
+
+    fn reaches_last_spring(
+        &mut self,
+        result: Result<Convergence, EquilibriumError>,
+    ) -> Result<Convergence, EquilibriumError> {
+        if result.is_ok() && self.tip_length < -self.tolerance {
+            self.convergence.residual = f64::NAN;
+            let length_m = self.needle.length();
+            let needed_m = length_m - self.tip_length;
+            return Err(EquilibriumError::TooShort { needed_m, length_m });
+        }
+        result
     }
 
     /// As [`Self::converge`], from cold.
     pub(crate) fn restart(
         &mut self,
-        update: impl FnMut(&mut Self),
+        update: impl FnMut(&mut Self, usize),
     ) -> Result<Convergence, EquilibriumError> {
         self.start();
         self.relax()?;
@@ -251,12 +265,12 @@ impl Equilibrium {
     /// Newton's method; `update` may renew stiffnesses and load from the state before each step.
     pub(crate) fn converge(
         &mut self,
-        mut update: impl FnMut(&mut Self),
+        mut update: impl FnMut(&mut Self, usize),
     ) -> Result<Convergence, EquilibriumError> {
         self.convergence.residual = f64::NAN;
         let mut last_step_m = f64::NAN;
         for iteration in 1..=MAX_ITERATIONS {
-            update(self);
+            update(self, iteration - 1);
             let step = self
                 .iterate()
                 .map_err(|Singular| EquilibriumError::Unstable { iteration })?;
@@ -265,12 +279,6 @@ impl Equilibrium {
             }
             last_step_m = step;
             if step <= self.tolerance {
-                if !(self.tip_length >= -self.tolerance) {
-                    return Err(EquilibriumError::TooShort {
-                        needed_m: self.needle.length() - self.tip_length,
-                        length_m: self.needle.length(),
-                    });
-                }
                 self.convergence = Convergence {
                     iterations: iteration,
                     residual: step,
@@ -325,6 +333,30 @@ impl Equilibrium {
         self.theta = 0.0;
         self.tip.y = base.e[1];
         self.settle_tip();
+    }
+
+    /// Adds a spring at the tip: the last piece of the needle becomes a piece between nodes.
+    pub(crate) fn push_spring(&mut self, spring: Spring) {
+        self.factored_within = f64::INFINITY;
+        let base = self.nodes[0];
+        let last = self.nodes[self.springs.len()];
+        let d = last.d + self.tip.y * self.tip.turn;
+        let l = self.tip_length;
+        let mut node = Node { p: self.tip_position(), d, l, ..base };
+        node.refresh(&base.d, &base.e[0], &spring.rest);
+        self.nodes.push(node);
+        self.springs.push(spring);
+        self.tip_length = 0.0;
+        self.settle_tip();
+    }
+
+    /// Removes the last spring, if any.
+    pub(crate) fn pop_spring(&mut self) -> Option<Spring> {
+        self.factored_within = f64::INFINITY;
+        let spring = self.springs.pop()?;
+        self.tip_length += self.nodes.pop().map_or(0.0, |node| node.l);
+        self.settle_tip();
+        Some(spring)
     }
 
     fn settle_tip(&mut self) {

@@ -10,6 +10,7 @@ use thiserror::Error;
 use crate::block::Block;
 use crate::equilibrium::Equilibrium;
 use crate::frame::spin_row;
+use crate::piece::TipLoad;
 
 /// The tangent is singular: the needle is at a limit point and has no derivative there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -24,8 +25,8 @@ pub(crate) struct Direction {
     pub turn: Vector3<f64>,
     /// Relative change of all spring stiffnesses.
     pub springs: f64,
-    /// Relative change of the tip load.
-    pub load: f64,
+    /// Change of the tip load.
+    pub load: TipLoad,
 }
 
 impl Direction {
@@ -33,11 +34,11 @@ impl Direction {
         shift: Vector3::new(0.0, 0.0, 0.0),
         turn: Vector3::new(0.0, 0.0, 0.0),
         springs: 0.0,
-        load: 0.0,
+        load: TipLoad { force: 0.0, bending: 0.0 },
     };
 
-    /// The six base twists \[v; w\], then relative spring stiffness, then relative tip load.
-    pub(crate) fn all() -> [Self; 8] {
+    /// The six base twists \[v; w\], then the relative stiffness of all springs, then `load`.
+    pub(crate) fn all(load: TipLoad) -> [Self; 8] {
         std::array::from_fn(|k| match k {
             0..3 => Self {
                 shift: Vector3::ith(k, 1.0),
@@ -51,10 +52,7 @@ impl Direction {
                 springs: 1.0,
                 ..Self::REST
             },
-            _ => Self {
-                load: 1.0,
-                ..Self::REST
-            },
+            _ => Self { load, ..Self::REST },
         })
     }
 }
@@ -81,12 +79,20 @@ impl Equilibrium {
         self.linearize(false).map(|_| ()).map_err(|_| TangentError)
     }
 
+    /// What a change of load adds to S' and S at O along `y_tip` (node held).
+    fn curl(&self, load: TipLoad) -> (f64, f64) {
+        let l = self.tip_length;
+        let turn = load.bending * l + load.force * l * l / 2.0;
+        let lift = load.bending * l * l / 2.0 + load.force * l * l * l / 3.0;
+        (turn / self.stiffness, lift / self.stiffness)
+    }
+
     /// Explicit change of `y_tip` (node held).
     fn y_explicit(&self, direction: &Direction) -> Vector3<f64> {
         let tip = &self.tip;
         let turned = direction.turn.cross(&tip.y)
             - tip.y_by_axis * direction.turn.cross(&tip.t) * tip.norm
-            + tip.y_by_axis * tip.y * (tip.turn * direction.load);
+            + tip.y_by_axis * tip.y * self.curl(direction.load).0;
         tip.follow * turned
     }
 
@@ -97,9 +103,11 @@ impl Equilibrium {
         let z = self.nodes[0].d;
         let z_change = direction.turn.cross(&z);
         let y_change = self.y_explicit(direction);
-        let mut length = tip.arc_y.dot(&y_change) + tip.arc_scale * direction.load;
+        let mut length = tip.arc_y.dot(&y_change) + tip.arc_load[0] * direction.load.force
+            + tip.arc_load[1] * direction.load.bending;
         let mut roll =
-            tip.roll_y.dot(&y_change) + tip.roll_scale * direction.load + tip.roll_z.dot(&z_change);
+            tip.roll_y.dot(&y_change) + tip.roll_load[0] * direction.load.force
+            + tip.roll_load[1] * direction.load.bending + tip.roll_z.dot(&z_change);
         if n == 0 {
             length += (tip.arc_d + tip.y_d.tr_mul(&tip.arc_y)).dot(&z_change);
             roll += (tip.roll_d + tip.y_d.tr_mul(&tip.roll_y)).dot(&z_change);
@@ -117,10 +125,12 @@ impl Equilibrium {
         let force = direction.shift * -first.alpha - z_change * first.beta + first.shear_l * l;
         let moment =
             direction.shift * first.beta + z_change * (first.gamma / 2.0) + first.end_l * l;
-        let load = y_change + tip.y * direction.load;
+        let load = direction.load;
+        let (l, y) = (self.tip_length, tip.y);
         (
             self.nodes[1].project(&-force, &-moment),
-            self.nodes[n].project(&(load * self.load.force), &(load * tip.moment)),
+            self.nodes[n].project(&(y_change * self.load.force + y * load.force),
+                &(y_change * tip.moment + y * (load.bending + l * load.force))),
             [-length, -roll],
         )
     }
@@ -134,20 +144,49 @@ impl Equilibrium {
             + tip.y_l * change.length
             + tip.y_theta * change.theta;
         let l = self.tip_length;
+        let (turn, lift) = self.curl(direction.load);
         let velocity = change.p
             + change.d * l
             + (d + tip.y * tip.lift_l) * change.length
             + y * tip.lift
-            + tip.y * (tip.lift * direction.load);
+            + tip.y * lift;
         let end = change.d
             + y * tip.turn
-            + tip.y * (tip.turn_l * change.length + tip.turn * direction.load);
+            + tip.y * (tip.turn_l * change.length + turn);
         let axis = (end - tip.t * tip.t.dot(&end)) / tip.norm - direction.turn.cross(&tip.t);
         let spin = spin_row(&self.nodes[0].d, &tip.t).dot(&axis) + change.theta;
         let omega = direction.turn + tip.t.cross(&axis) + tip.t * spin;
         Vector6::new(
             velocity.x, velocity.y, velocity.z, omega.x, omega.y, omega.z,
         )
+    }
+
+    /// Change of the last node (the base's own, without springs) and of the globals.
+    pub(crate) fn tip_change(
+        &self,
+        direction: &Direction,
+        last: &[f64; 5],
+        border: [f64; 2],
+    ) -> TipChange {
+        let n = self.springs.len();
+        let (p, d) = if n == 0 {
+            (direction.shift, direction.turn.cross(&self.nodes[0].d))
+        } else {
+            self.nodes[n].expand(last)
+        };
+        TipChange { p, d, length: border[0], theta: border[1] }
+    }
+
+    /// Twist of the tip for a change of load, with the tangent as last factored.
+    pub(crate) fn tip_response(&self, load: TipLoad) -> Vector6<f64> {
+        let direction = Direction { load, ..Direction::REST };
+        let (first, last, border) = self.explicit(&direction);
+        let column = |v: [f64; 5]| v.map(|v| [v]);
+        let (x, border) =
+            self.system.solve_ends(&column(first), &column(last), &border.map(|v| [v]));
+        let change =
+            self.tip_change(&direction, &x.map(|v| v[0]), [border[0][0], border[1][0]]);
+        self.tip_twist_of(&direction, &change)
     }
 
     /// Jacobian from the twist of the base to the twist of the tip, both \[linear; angular\] of
@@ -163,8 +202,7 @@ impl Equilibrium {
     /// [`TangentError`] at a limit point.
     pub fn tip_jacobian(&mut self) -> Result<Matrix6<f64>, TangentError> {
         self.tangent()?;
-        let all = Direction::all();
-        let n = self.springs.len();
+        let all = Direction::all(self.load);
         let (mut first, mut last): (Block<5, 6>, Block<5, 6>) = ([[0.0; 6]; 5], [[0.0; 6]; 5]);
         let mut border = [[0.0; 6]; 2];
         for c in 0..6 {
@@ -180,17 +218,8 @@ impl Equilibrium {
         let (node, border) = self.system.solve_ends(&first, &last, &border);
         let mut jacobian = Matrix6::zeros();
         for c in 0..6 {
-            let (p, d) = if n == 0 {
-                (all[c].shift, all[c].turn.cross(&self.nodes[0].d))
-            } else {
-                self.nodes[n].expand(&std::array::from_fn(|k| node[k][c]))
-            };
-            let change = TipChange {
-                p,
-                d,
-                length: border[0][c],
-                theta: border[1][c],
-            };
+            let x = std::array::from_fn(|k| node[k][c]);
+            let change = self.tip_change(&all[c], &x, [border[0][c], border[1][c]]);
             jacobian.set_column(c, &self.tip_twist_of(&all[c], &change));
         }
         Ok(jacobian)

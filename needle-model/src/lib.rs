@@ -23,8 +23,11 @@ mod equilibrium;
 
 mod jacobian;
 
+mod insertion;
+
 pub use bevel::{Bevel, BevelError, BevelLoad, cut_angle};
 pub use equilibrium::{Convergence, Equilibrium, EquilibriumError};
+pub use insertion::{Insertion, InsertionError, InsertionSettings, RestPoint};
 pub use jacobian::{TangentError, jacobian_in_frames};
 pub use needle::{Needle, NeedleError, second_moment_of_area};
 pub use piece::TipLoad;

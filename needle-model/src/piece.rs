@@ -251,9 +251,9 @@ pub(crate) struct TipPiece {
     pub roll_y: Vector3<f64>,
     pub roll_l: f64,
     pub roll_z: Vector3<f64>,
-    /// Derivatives of arc length and roll by a scale of the load, y fixed.
-    pub arc_scale: f64,
-    pub roll_scale: f64,
+    /// Derivatives of arc length and roll by force and bending, y fixed.
+    pub arc_load: [f64; 2],
+    pub roll_load: [f64; 2],
 }
 
 /// Base axes and load, as the tip's piece needs them.
@@ -312,7 +312,7 @@ impl TipPiece {
             (0.0, Vector3::zeros(), Vector3::zeros(), 0.0);
         let (mut roll, mut roll_d, mut roll_y, mut roll_l) =
             (0.0, Vector3::zeros(), Vector3::zeros(), 0.0);
-        let (mut arc_scale, mut roll_scale, mut roll_z) = (0.0, 0.0, Vector3::zeros());
+        let (mut arc_load, mut roll_load, mut roll_z) = ([0.0; 2], [0.0; 2], Vector3::zeros());
         for (u, w) in GAUSS_7 {
             // S' = d + k y and dS'/du = k_u y, with u = (coordinate) / l.
             let k = (moment * l * u - load.force * l * l * u * u / 2.0) / stiffness;
@@ -327,13 +327,16 @@ impl TipPiece {
             arc_d += unit * (w * l);
             arc_y += unit * (w * l * k);
             arc_l += w * (size + l * unit.dot(&y) * k_l);
-            arc_scale += w * l * unit.dot(&y) * k;
             let (f, f_d, f_v, f_z) = roll_rate(&z, &tangent, &(y * k_u));
             roll += w * f;
             roll_d += f_d * w;
             roll_y += (f_d * k + f_v * k_u) * w;
             roll_l += w * (f_d.dot(&y) * k_l + f_v.dot(&y) * k_ul);
-            roll_scale += w * (f_d.dot(&y) * k + f_v.dot(&y) * k_u);
+            let by_force = (l * l * (u - u * u / 2.0), l * l * (1.0 - u));
+            for (m, (by_k, by_k_u)) in [by_force, (l * u, l)].into_iter().enumerate() {
+                arc_load[m] += w * l * unit.dot(&y) * by_k / stiffness;
+                roll_load[m] += w * (f_d.dot(&y) * by_k + f_v.dot(&y) * by_k_u) / stiffness;
+            }
             roll_z += f_z * w;
         }
         Self {
@@ -359,8 +362,8 @@ impl TipPiece {
             roll_y,
             roll_l,
             roll_z,
-            arc_scale,
-            roll_scale,
+            arc_load,
+            roll_load,
         }
     }
 }

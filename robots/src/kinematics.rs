@@ -1,7 +1,11 @@
 //! Geometry of serial arms with six or seven revolute joints, read from a URDF.
 
 mod chain;
+mod rates;
+mod turns;
 mod urdf;
 
 pub use chain::{Chain, Jacobian};
+pub use rates::{RateSettings, TwistRates};
+pub use turns::{NotEnoughTravel, RemainingTravel, TurnBudget};
 pub use urdf::UrdfError;

@@ -2,11 +2,13 @@
 //!
 //! * [`camera`]: camera models, refraction through the container's walls, triangulation.
 //! * [`detect`]: chessboards in images.
+//! * [`calibrate`]: from corners to a rig with covariance.
 #![cfg_attr(
     test,
     allow(clippy::float_cmp, reason = "tests compare exact constructions")
 )]
 
+pub mod calibrate;
 pub mod camera;
 pub mod detect;
 mod homography;

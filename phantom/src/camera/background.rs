@@ -1,8 +1,9 @@
 //! What a camera sees without the needle: computed once.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 use super::coverage::SparsePlane;
 use super::geometry::{gel_centre, towards_camera};
@@ -23,6 +24,7 @@ pub(super) fn screen(settings: &CameraSettings, index: usize, seed: u64) -> Vec<
     let (my, mx) = moire_direction.sin_cos();
     let wave = core::f64::consts::TAU / b.moire_period_px;
     let (half_w, half_h) = (0.5 * w as f64, 0.5 * h as f64);
+    let clouds = Clouds::new(&mut generator, w as f64 / 9.0);
     let mut values = Vec::with_capacity(w * h);
     for y in 0..h {
         for x in 0..w {
@@ -38,10 +40,43 @@ pub(super) fn screen(settings: &CameraSettings, index: usize, seed: u64) -> Vec<
             } else {
                 1.0
             };
-            values.push(to_f32(b.level_grey * gradient * vignetting * moire));
+            let cloud = 1.0 + b.clouds * clouds.at(x as f64, y as f64);
+            values.push(to_f32(b.level_grey * gradient * vignetting * moire * cloud));
         }
     }
     values
+}
+
+/// Smooth random brightness, of unit variance at its nodes: the gel is never quite homogeneous.
+struct Clouds {
+    nodes: Vec<f64>,
+    cell: f64,
+}
+
+impl Clouds {
+    const SIDE: usize = 16;
+
+    fn new(generator: &mut ChaCha8Rng, cell: f64) -> Self {
+        let nodes = (0..Self::SIDE * Self::SIDE)
+            .map(|_| StandardNormal.sample(generator))
+            .collect();
+        Self { nodes, cell }
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "pixel coordinates are small and positive"
+    )]
+    fn at(&self, x: f64, y: f64) -> f64 {
+        let (u, v) = (x / self.cell, y / self.cell);
+        let (i, j) = (u as usize, v as usize);
+        let smooth = |t: f64| t * t * (3.0 - 2.0 * t);
+        let (s, t) = (smooth(u - i as f64), smooth(v - j as f64));
+        let node = |i: usize, j: usize| self.nodes[(j % Self::SIDE) * Self::SIDE + i % Self::SIDE];
+        let row = |j: usize| node(i, j) + s * (node(i + 1, j) - node(i, j));
+        row(j) + t * (row(j + 1) - row(j))
+    }
 }
 
 /// Multiplies the screen by what the container and the bubbles let through.
@@ -59,17 +94,11 @@ pub(super) fn gel(
     let bubbles = &settings.bubbles;
     let mut generator = generator(seed, Stream::Bubbles, 0);
     for _ in 0..bubbles.count {
-        let half = 1e-3 * settings.container.gel_half_width_mm;
-        let depth = 1e-3 * settings.container.gel_depth_mm;
-        let place = Point3::new(
-            generator.random_range(-half..=half),
-            generator.random_range(-half..=half),
-            generator.random_range(0.0..=depth),
-        );
+        let place = in_gel(settings, &mut generator);
         let radius =
             1e-3 * log_uniform(&mut generator, bubbles.radius_min_mm, bubbles.radius_max_mm);
         let world = world_from_phantom * place;
-        let aside = world_from_phantom * (place + radius * nalgebra::Vector3::z());
+        let aside = world_from_phantom * (place + radius * Vector3::z());
         if let (Some(centre), Some(edge)) = (
             view.project(&world, Through::Gel),
             view.project(&aside, Through::Gel),
@@ -80,6 +109,23 @@ pub(super) fn gel(
                 centre,
                 (edge[1] - centre[1]).hypot(edge[0] - centre[0]),
             );
+        }
+    }
+}
+
+/// A point of the gel, uniform, in the phantom's frame: between both cameras' walls and as far
+/// back behind the axis.
+fn in_gel(settings: &CameraSettings, generator: &mut ChaCha8Rng) -> Point3<f64> {
+    let half = 1e-3 * settings.container.gel_half_width_mm;
+    let walls = [0, 1].map(|index| towards_camera(settings, index));
+    let across = Vector3::z().cross(&walls[0]);
+    let z = generator.random_range(0.0..=1e-3 * settings.container.gel_depth_mm);
+    loop {
+        let a = generator.random_range(-half..=half);
+        let b = generator.random_range(-half..=half);
+        let p = a * walls[0] + b * across;
+        if walls[1].dot(&p) <= half {
+            return Point3::new(p.x, p.y, z);
         }
     }
 }
@@ -131,7 +177,7 @@ fn outline(
     let half = 1e-3 * settings.container.gel_half_width_mm;
     let depth = 1e-3 * settings.container.gel_depth_mm;
     let face = gel_centre(settings) + half * towards;
-    let right = nalgebra::Vector3::z().cross(&-towards);
+    let right = Vector3::z().cross(&-towards);
     // The wall ends where it meets the other camera's wall; on its far side, at the half width.
     let facet = (half * (0.5 * settings.separation_deg.to_radians()).tan()).min(half);
     let (from, to) = if index == 0 {
@@ -165,15 +211,33 @@ fn outline(
     let edge = 4e-3;
     // Far enough to leave the image, near enough for the distortion not to fold.
     let beyond = 0.1;
+    let (top, bottom) = (-beyond, depth + beyond);
+    // The gel absorbs a little.
     band(from, to, 0.0, depth, 0.10);
-    // The meniscus hides what lies about the contact line; its lower fringe is softer.
-    band(from, to, -0.3e-3, 0.9e-3, 0.55);
-    band(from, to, 0.9e-3, 2.0e-3, 0.15);
-    band(from - edge, from, -beyond, depth + beyond, 0.55);
-    band(to, to + edge, -beyond, depth + beyond, 0.55);
-    band(from - 0.6e-3, from + 0.3e-3, -beyond, depth + beyond, 0.5);
-    band(to - 0.3e-3, to + 0.6e-3, -beyond, depth + beyond, 0.5);
-    band(from - edge, to + edge, depth, depth + beyond, 0.78);
+    // The meniscus bends light away about the contact line, and fades downwards.
+    for k in 0..12 {
+        let z = -0.6e-3 + 0.25e-3 * f64::from(k);
+        let fall = (f64::from(k) - 3.0) / if k < 3 { 1.3 } else { 3.5 };
+        band(from, to, z, z + 0.25e-3, 0.62 * (-fall * fall).exp());
+    }
+    // The vertical walls edge-on: dark, with light caught between their faces.
+    for (inner, outward) in [(from, -1.0), (to, 1.0)] {
+        for k in 0..16 {
+            let (u, step) = (f64::from(k) / 16.0, outward * edge / 16.0);
+            let caught = 0.18 * (-((u - 0.6) / 0.12).powi(2)).exp();
+            let dark = 0.30 + 0.35 * (2.0 * u - 1.0).powi(4) - caught;
+            let a = inner + step * f64::from(k);
+            band(a.min(a + step), a.max(a + step), top, bottom, dark);
+        }
+        let glue = inner - 0.3e-3 * outward;
+        band(glue.min(inner), glue.max(inner), top, bottom, 0.35);
+    }
+    // The floor, and its soft upper edge.
+    for k in 0..6 {
+        let z = depth - 0.2e-3 * f64::from(k);
+        band(from, to, z, bottom, 0.06);
+    }
+    band(from - edge, to + edge, depth, bottom, 0.70);
 }
 
 #[expect(

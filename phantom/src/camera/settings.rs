@@ -88,6 +88,8 @@ pub struct BacklightSettings {
     pub moire: f64,
     /// Period of the moire \[px\].
     pub moire_period_px: f64,
+    /// Uneven transmission of the gel on a scale of a ninth of the image, 1 sigma, as a fraction.
+    pub clouds: f64,
     /// Whether to draw the gel's outline: the container's edges, its floor, the meniscus, and
     /// the gel's absorption.
     pub outline: bool,
@@ -208,6 +210,7 @@ impl Default for BacklightSettings {
             vignetting: 0.0,
             moire: 0.0,
             moire_period_px: 7.0,
+            clouds: 0.0,
             outline: false,
         }
     }
@@ -286,6 +289,7 @@ impl CameraSettings {
                 gradient: 0.15,
                 vignetting: 0.10,
                 moire: 0.008,
+                clouds: 0.01,
                 outline: true,
                 ..BacklightSettings::default()
             },
@@ -329,6 +333,7 @@ impl CameraSettings {
                 gradient: 0.3,
                 vignetting: 0.2,
                 moire: 0.02,
+                clouds: 0.03,
                 ..paper.backlight
             },
             optics: OpticsSettings {
@@ -410,6 +415,7 @@ impl CameraSettings {
         within("backlight.vignetting", b.vignetting, 0.0, 0.9)?;
         within("backlight.moire", b.moire, 0.0, 0.5)?;
         within("backlight.moire_period_px", b.moire_period_px, 2.0, 1000.0)?;
+        within("backlight.clouds", b.clouds, 0.0, 0.2)?;
         within("optics.blur_sigma_px", o.blur_sigma_px, 0.0, 8.0)?;
         within("optics.needle_grey", o.needle_grey, 0.0, b.level_grey)?;
         within("optics.haze", o.haze, 0.0, 0.99)?;

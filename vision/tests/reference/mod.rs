@@ -53,8 +53,14 @@ pub(crate) fn opencv() -> Option<serde_json::Value> {
 /// OpenCV's corners of a photograph.
 pub(crate) fn opencv_corners(reference: &serde_json::Value, name: &str) -> Vec<Point2<f64>> {
     let list = reference["corners_px"][name].as_array().unwrap();
+    // The file holds the shortest decimals of OpenCV's single-precision corners.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "restores OpenCV's own rounding"
+    )]
+    let exact = |v: &serde_json::Value| f64::from(v.as_f64().unwrap() as f32);
     list.iter()
-        .map(|p| Point2::new(p[0].as_f64().unwrap(), p[1].as_f64().unwrap()))
+        .map(|p| Point2::new(exact(&p[0]), exact(&p[1])))
         .collect()
 }
 

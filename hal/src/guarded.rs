@@ -1,0 +1,366 @@
+//! Limits that nothing behind them can be made to break.
+//!
+//! [`Limiter`] is the pure limiter of joint rates; [`Guard`] adds a workspace and speed caps of
+//! the tool; [`Guarded`] puts a guard in front of any [`Arm`]. A driver that streams set points
+//! uses a [`Guard`] on its own set points, where the guarantees are exact.
+
+mod axis;
+mod limiter;
+
+use core::time::Duration;
+
+use nalgebra::{Isometry3, Point3};
+
+pub use limiter::{Limited, Limiter, LimiterError, Motion};
+
+use crate::telemetry::Limit;
+use crate::{Arm, ArmDescription, ArmMode, ArmState, Error, ErrorKind, Joints, RateCommand};
+use crate::{Stamp, Twist};
+
+/// Halvings of a command that would leave the workspace, before it is stopped.
+const WORKSPACE_HALVINGS: u32 = 8;
+/// Longest stop that is looked ahead for the workspace, in periods.
+const LONGEST_STOP: usize = 4096;
+
+/// Kinematics of the guarded tool, in the frame in which its workspace is given.
+pub trait Tool: Send {
+    /// Pose of the tool, its z along the needle, for joint positions \[rad\].
+    fn pose(&self, positions: &Joints) -> Isometry3<f64>;
+
+    /// Twist of the tool's origin for joint rates \[rad/s\].
+    fn twist(&self, positions: &Joints, rates: &Joints) -> Twist;
+}
+
+/// A box that the tool's origin must not leave \[m\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Workspace {
+    /// Lowest coordinates \[m\].
+    pub lower: Point3<f64>,
+    /// Highest coordinates \[m\].
+    pub upper: Point3<f64>,
+}
+
+impl Workspace {
+    /// How far `point` is outside, along the axis where it is worst \[m\]; 0 inside.
+    pub fn excess(&self, point: &Point3<f64>) -> f64 {
+        (0..3).fold(0.0, |worst: f64, k| {
+            worst
+                .max(self.lower[k] - point[k])
+                .max(point[k] - self.upper[k])
+        })
+    }
+}
+
+/// Highest speeds of the tool's origin \[m/s\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpeedCaps {
+    /// Along the needle.
+    pub along: f64,
+    /// Across the needle.
+    pub across: f64,
+}
+
+impl SpeedCaps {
+    /// With the needle in the tissue: 5 mm/s along it, 8 mm/s across.
+    pub const INSERTING: Self = Self {
+        along: 0.005,
+        across: 0.008,
+    };
+    /// In free air: 50 mm/s.
+    pub const FREE: Self = Self {
+        along: 0.050,
+        across: 0.050,
+    };
+    /// No cap.
+    pub const NONE: Self = Self {
+        along: f64::INFINITY,
+        across: f64::INFINITY,
+    };
+}
+
+/// A [`Limiter`], a workspace and speed caps of the tool, and the memory of the motion.
+pub struct Guard {
+    limiter: Limiter,
+    motion: Motion,
+    tool: Option<Box<dyn Tool>>,
+    workspace: Option<Workspace>,
+    caps: SpeedCaps,
+}
+
+impl Guard {
+    /// Joint limits only.
+    pub fn new(limiter: Limiter) -> Self {
+        let mut rest = Joints::from([0.0; crate::MAX_JOINTS]);
+        if let Ok(zeros) = Joints::zeros(limiter.limits().len()) {
+            rest = zeros;
+        }
+        Self {
+            limiter,
+            motion: Motion::steady(rest),
+            tool: None,
+            workspace: None,
+            caps: SpeedCaps::NONE,
+        }
+    }
+
+    /// With limits of the tool: a workspace, where given, and speed caps.
+    #[must_use]
+    pub fn with_tool(
+        mut self,
+        tool: Box<dyn Tool>,
+        workspace: Option<Workspace>,
+        caps: SpeedCaps,
+    ) -> Self {
+        self.tool = Some(tool);
+        self.workspace = workspace;
+        self.caps = caps;
+        self
+    }
+
+    /// Changes the speed caps, for instance when the needle enters the tissue. The arm slows
+    /// down to new caps within its joint limits.
+    pub fn set_caps(&mut self, caps: SpeedCaps) {
+        self.caps = caps;
+    }
+
+    /// The joint limiter.
+    pub fn limiter(&self) -> &Limiter {
+        &self.limiter
+    }
+
+    /// What the guard last let through.
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// Tells the guard that the arm moves differently from what it let through last: it was
+    /// stopped or has just been connected.
+    pub fn assume(&mut self, motion: Motion) {
+        self.motion = motion;
+    }
+
+    /// Rates for the coming period `dt` \[s\] of an arm at `positions` \[rad\]; see
+    /// [`Limiter::step`]. All limits keep the direction of `wanted`. With a workspace, what is
+    /// let through can be stopped inside it by wanting zero; exactly so if the arm executes it
+    /// for `dt`, which then stays the same.
+    pub fn step(&mut self, positions: &Joints, wanted: &Joints, dt: f64) -> Limited {
+        let mut limits = Vec::new();
+        let scale = self.cap(positions, wanted, &mut limits);
+        let capped = wanted.map(|x| x * scale);
+        let mut limited = self.limiter.step(positions, &self.motion, &capped, dt);
+        if self.leaves_workspace(positions, &limited.rates, dt) {
+            limits.push(Limit::Workspace);
+            limited = self.inside_workspace(positions, &capped, dt);
+        }
+        self.motion = self.after(&limited.rates, dt);
+        limits.append(&mut limited.limits);
+        limited.limits = limits;
+        limited
+    }
+
+    fn after(&self, rates: &Joints, dt: f64) -> Motion {
+        Motion {
+            rates: *rates,
+            accelerations: rates.zip(&self.motion.rates, |new, old| (new - old) / dt),
+        }
+    }
+
+    /// Factor by which the speed caps slow `wanted`.
+    fn cap(&self, positions: &Joints, wanted: &Joints, limits: &mut Vec<Limit>) -> f64 {
+        let Some(tool) = &self.tool else { return 1.0 };
+        let velocity = tool.twist(positions, wanted).linear;
+        let axis = tool.pose(positions).rotation * nalgebra::Vector3::z();
+        let along = velocity.dot(&axis);
+        let across = (velocity - axis * along).norm();
+        let mut scale = 1.0;
+        if along.abs() > self.caps.along {
+            scale = self.caps.along / along.abs();
+            limits.push(Limit::InsertionSpeed);
+        }
+        if across > self.caps.across {
+            scale = (self.caps.across / across).min(scale);
+            limits.push(Limit::LateralSpeed);
+        }
+        scale
+    }
+
+    /// Whether one period at `rates` and the stop after it go (further) out of the workspace.
+    fn leaves_workspace(&self, positions: &Joints, rates: &Joints, dt: f64) -> bool {
+        let (Some(tool), Some(workspace)) = (&self.tool, &self.workspace) else {
+            return false;
+        };
+        let outside = |q: &Joints| workspace.excess(&Point3::from(tool.pose(q).translation.vector));
+        let mut worst = outside(positions);
+        let mut q = positions.zip(rates, |q, rate| q + rate * dt);
+        let mut motion = self.after(rates, dt);
+        let rest = rates.zeroed();
+        for _ in 0..LONGEST_STOP {
+            let excess = outside(&q);
+            if excess > worst {
+                return true;
+            }
+            worst = excess;
+            if motion.is_rest() {
+                return false;
+            }
+            let next = self.limiter.step(&q, &motion, &rest, dt).rates;
+            motion = Motion {
+                rates: next,
+                accelerations: next.zip(&motion.rates, |new, old| (new - old) / dt),
+            };
+            q = q.zip(&next, |q, rate| q + rate * dt);
+        }
+        true
+    }
+
+    /// The fastest part of `wanted` that stays in the workspace; the stop that was looked ahead
+    /// one period ago if none does.
+    fn inside_workspace(&self, positions: &Joints, wanted: &Joints, dt: f64) -> Limited {
+        let step = |scale: f64| {
+            let slowed = wanted.map(|x| x * scale);
+            self.limiter.step(positions, &self.motion, &slowed, dt)
+        };
+        let (mut good, mut best, mut bad) = (0.0, step(0.0), 1.0);
+        for _ in 0..WORKSPACE_HALVINGS {
+            let middle = 0.5 * (good + bad);
+            let limited = step(middle);
+            if self.leaves_workspace(positions, &limited.rates, dt) {
+                bad = middle;
+            } else {
+                (good, best) = (middle, limited);
+            }
+        }
+        best
+    }
+}
+
+impl core::fmt::Debug for Guard {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Guard")
+            .field("limiter", &self.limiter)
+            .field("motion", &self.motion)
+            .field("workspace", &self.workspace)
+            .field("caps", &self.caps)
+            .finish_non_exhaustive()
+    }
+}
+
+/// An arm behind a [`Guard`].
+///
+/// Positions come from the arm's feedback, carried on to the command's stamp with the rates let
+/// through last. The arm's own lag has to fit into the limiter's margin.
+#[derive(Debug)]
+pub struct Guarded<A> {
+    arm: A,
+    guard: Guard,
+    last: Option<Stamp>,
+    acted: Vec<Limit>,
+}
+
+impl<A: Arm> Guarded<A> {
+    /// Puts `guard` in front of `arm`.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Configuration`] if the guard is for another number of joints.
+    pub fn new(arm: A, guard: Guard) -> Result<Self, Error> {
+        if arm.description().limits.len() != guard.limiter.limits().len() {
+            let device = arm.description().name.clone();
+            return Err(Error::new(device, ErrorKind::Configuration));
+        }
+        Ok(Self {
+            arm,
+            guard,
+            last: None,
+            acted: Vec::new(),
+        })
+    }
+
+    /// Limits that acted on the newest command.
+    pub fn acted(&self) -> &[Limit] {
+        &self.acted
+    }
+
+    /// Changes the speed caps of the tool.
+    pub fn set_caps(&mut self, caps: SpeedCaps) {
+        self.guard.set_caps(caps);
+    }
+
+    /// The arm behind the guard.
+    pub fn inner(&self) -> &A {
+        &self.arm
+    }
+
+    /// Takes the guard away.
+    pub fn into_inner(self) -> A {
+        self.arm
+    }
+
+    fn period(&self, stamp: Stamp) -> Duration {
+        let hold = Duration::from_secs_f64(self.guard.limiter.hold());
+        self.last
+            .map(|last| stamp.since(last))
+            .filter(|dt| !dt.is_zero() && *dt <= hold)
+            .unwrap_or(self.arm.description().period)
+    }
+}
+
+impl<A: Arm> Arm for Guarded<A> {
+    fn description(&self) -> &ArmDescription {
+        self.arm.description()
+    }
+
+    fn state(&mut self) -> Result<ArmState, Error> {
+        self.arm.state()
+    }
+
+    fn enable(&mut self) -> Result<(), Error> {
+        self.arm.enable()
+    }
+
+    fn command(&mut self, command: &RateCommand) -> Result<(), Error> {
+        self.acted.clear();
+        let state = self.arm.state()?;
+        let joints = self.guard.limiter.limits().len();
+        let obeyable = command.rates.is_finite() && command.rates.len() == joints;
+        if !obeyable || state.mode != ArmMode::Moving && state.mode != ArmMode::Enabled {
+            // The arm itself says why not.
+            return self.arm.command(command);
+        }
+        let hold = self.guard.limiter.hold();
+        let lapsed = self
+            .last
+            .is_none_or(|last| command.stamp.secs_since(last) > hold);
+        if state.mode == ArmMode::Enabled {
+            self.guard.assume(Motion::steady(state.rates.zeroed()));
+        } else if lapsed {
+            self.guard.assume(Motion::steady(state.rates));
+        }
+        let age = command.stamp.secs_since(state.stamp).clamp(0.0, hold);
+        let before = *self.guard.motion();
+        let positions = state.positions.zip(&before.rates, |q, rate| q + rate * age);
+        let dt = self.period(command.stamp).as_secs_f64();
+        let limited = self.guard.step(&positions, &command.rates, dt);
+        let result = self.arm.command(&RateCommand {
+            rates: limited.rates,
+            ..*command
+        });
+        match result {
+            Ok(()) => {
+                self.last = Some(command.stamp);
+                self.acted = limited.limits;
+            }
+            Err(_) => self.guard.assume(before),
+        }
+        result
+    }
+
+    fn stop(&mut self) -> Result<(), Error> {
+        self.last = None;
+        self.arm.stop()
+    }
+
+    fn reset(&mut self) -> Result<(), Error> {
+        self.last = None;
+        self.arm.reset()
+    }
+}

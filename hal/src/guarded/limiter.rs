@@ -1,0 +1,387 @@
+//! Limits of position, speed, acceleration and jerk of all joints at once.
+
+use core::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::axis::{Admissible, Axis, Bounds, Cause};
+use crate::telemetry::Limit;
+use crate::{JointLimit, JointLimits, Joints, MAX_JOINTS};
+
+/// Relative rounding allowed where the line of the command only just meets a limit.
+const ROUNDING: f64 = 1e-13;
+
+/// Rates within the limits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limited {
+    /// Rates to execute for one period \[rad/s\].
+    pub rates: Joints,
+    /// Limits that made them differ from those wanted, in no order.
+    pub limits: Vec<Limit>,
+    /// Whether `rates` are a multiple of those wanted (to stop: of those executed); from 0 to 1
+    /// times, unless the arm came along the same line faster or backwards. False only while the
+    /// arm leaves another direction of motion.
+    pub straight: bool,
+}
+
+/// What an arm was last told to do: rates \[rad/s\] and their change \[rad/s2\].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Motion {
+    /// Rates \[rad/s\].
+    pub rates: Joints,
+    /// Accelerations \[rad/s2\].
+    pub accelerations: Joints,
+}
+
+impl Motion {
+    /// Moving at constant rates.
+    pub fn steady(rates: Joints) -> Self {
+        Self {
+            rates,
+            accelerations: rates.zeroed(),
+        }
+    }
+
+    /// Whether nothing moves and nothing is about to.
+    pub fn is_rest(&self) -> bool {
+        self.rates
+            .iter()
+            .chain(self.accelerations.iter())
+            .all(|x| *x == 0.0)
+    }
+}
+
+/// Why a limiter cannot be built.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum LimiterError {
+    /// The number of joints is not 1 to [`MAX_JOINTS`].
+    #[error("{joints} joints; 1 to {MAX_JOINTS} are supported")]
+    Joints {
+        /// The number of joints.
+        joints: usize,
+    },
+    /// A limit is not a positive finite number.
+    #[error("joint {joint}: speed, acceleration and jerk have to be positive and finite")]
+    NotPositive {
+        /// Number of the joint, from 0.
+        joint: usize,
+    },
+    /// The margins leave no range, or one too short to stop in.
+    #[error("joint {joint}: a range of {range_rad} rad between the margins is too short")]
+    Range {
+        /// Number of the joint, from 0.
+        joint: usize,
+        /// What is left \[rad\].
+        range_rad: f64,
+    },
+    /// The margin or the holding time is not a finite number of at least zero.
+    #[error("margin and holding time have to be finite and at least zero")]
+    Margin,
+}
+
+/// Pure limiter of joint rates; see [`Limiter::step`].
+#[derive(Clone, Debug)]
+pub struct Limiter {
+    limits: Vec<JointLimit>,
+    hold: f64,
+}
+
+impl Limiter {
+    /// A limiter that keeps `margin` \[rad\] from the ends of every joint.
+    ///
+    /// `hold` is the longest time for which an arm keeps executing rates when the next command
+    /// is late; braking starts early enough for that.
+    ///
+    /// # Errors
+    /// Limits that are not positive, or that leave no range.
+    pub fn new(limits: &JointLimits, margin: f64, hold: Duration) -> Result<Self, LimiterError> {
+        if !(1..=MAX_JOINTS).contains(&limits.len()) {
+            let joints = limits.len();
+            return Err(LimiterError::Joints { joints });
+        }
+        if !(margin.is_finite() && margin >= 0.0) {
+            return Err(LimiterError::Margin);
+        }
+        let hold = hold.as_secs_f64();
+        let mut kept = Vec::with_capacity(limits.len());
+        for (joint, limit) in limits.iter().enumerate() {
+            let dynamic = [limit.velocity, limit.acceleration, limit.jerk];
+            if !dynamic.iter().all(|x| x.is_finite() && *x > 0.0) {
+                return Err(LimiterError::NotPositive { joint });
+            }
+            let (lower, upper) = (limit.lower + margin, limit.upper - margin);
+            let range_rad = upper - lower;
+            // The hardest brake runs back by no more than this before it has died away.
+            let back = limit.acceleration * limit.acceleration / (2.0 * limit.jerk);
+            let needed = back * (2.0 * hold + 2.0 * back / limit.acceleration);
+            if !(range_rad > needed && range_rad > 0.0) {
+                return Err(LimiterError::Range { joint, range_rad });
+            }
+            kept.push(JointLimit {
+                lower,
+                upper,
+                ..*limit
+            });
+        }
+        Ok(Self { limits: kept, hold })
+    }
+
+    /// The limits kept: those given, less the margin.
+    pub fn limits(&self) -> &JointLimits {
+        &self.limits
+    }
+
+    /// The longest time for which rates may stand without a new command \[s\].
+    pub fn hold(&self) -> f64 {
+        self.hold
+    }
+
+    /// Rates for the coming period `dt` \[s\] of an arm at `positions` \[rad\] that executes
+    /// `motion`, as close to `wanted` \[rad/s\] as the limits allow. All input is finite, `dt`
+    /// positive and at most the holding time for the guarantees to hold.
+    ///
+    /// * Rates change such that speed, acceleration (their change over `dt`) and jerk (the
+    ///   change of that over `dt`) stay within the limits, and such that the arm can always
+    ///   stop before the end of every joint. An arm that keeps executing what it is told never
+    ///   passes an end, whatever is wanted.
+    /// * The result is a multiple of `wanted` whenever the limits admit one, which they do unless
+    ///   the arm moves in another direction already; see [`Limited::straight`].
+    /// * An arm that stands outside its range is let back in, never further out.
+    pub fn step(&self, positions: &Joints, motion: &Motion, wanted: &Joints, dt: f64) -> Limited {
+        let mut ranges = [None; MAX_JOINTS];
+        for (i, range) in ranges.iter_mut().enumerate().take(self.limits.len()) {
+            *range =
+                Some(Self::axis(i, motion).admissible(&self.bounds(i, positions), dt, self.hold));
+        }
+        self.along_line(positions, motion, wanted, dt, &ranges)
+            .unwrap_or_else(|| self.joint_by_joint(motion, wanted, dt, &ranges))
+    }
+
+    fn axis(i: usize, motion: &Motion) -> Axis {
+        Axis {
+            velocity: motion.rates[i],
+            acceleration: motion.accelerations[i],
+        }
+    }
+
+    fn bounds(&self, i: usize, positions: &Joints) -> Bounds {
+        let limit = &self.limits[i];
+        Bounds {
+            velocity: limit.velocity,
+            acceleration: limit.acceleration,
+            jerk: limit.jerk,
+            up: limit.upper - positions[i],
+            down: positions[i] - limit.lower,
+        }
+    }
+
+    /// All joints together along the line of the command (of the motion, to stop), if the
+    /// joints' own limits admit a point of it.
+    fn along_line(
+        &self,
+        positions: &Joints,
+        motion: &Motion,
+        wanted: &Joints,
+        dt: f64,
+        ranges: &[Option<Admissible>; MAX_JOINTS],
+    ) -> Option<Limited> {
+        let stopping = wanted.iter().all(|x| *x == 0.0);
+        if stopping && motion.is_rest() {
+            return Some(Limited {
+                rates: wanted.zeroed(),
+                limits: Vec::new(),
+                straight: true,
+            });
+        }
+        let (line, target) = if stopping {
+            (&motion.rates, 0.0)
+        } else {
+            (wanted, 1.0)
+        };
+        let squared: f64 = line.iter().map(|x| x * x).sum();
+        if squared <= f64::MIN_POSITIVE || !squared.is_finite() {
+            return None;
+        }
+        let along = |x: &Joints| x.iter().zip(line.iter()).map(|(x, l)| x * l).sum::<f64>();
+        let axis = Axis {
+            velocity: along(&motion.rates) / squared,
+            acceleration: along(&motion.accelerations) / squared,
+        };
+        let (bounds, joint_of) = self.bounds_along(line, positions);
+        let range = axis.admissible(&bounds, dt, self.hold);
+        let ideal = axis.towards(target, bounds.jerk, dt);
+        let mut factor = axis.velocity + ideal.clamp(range.low, range.high) * dt;
+        let cause = if ideal > range.high {
+            joint_of.limit(range.high_cause, true)
+        } else if ideal < range.low {
+            joint_of.limit(range.low_cause, false)
+        } else {
+            joint_of.limit(Cause::Jerk, true)
+        };
+        if (factor - target).abs() <= ROUNDING {
+            factor = target;
+        }
+
+        // What each joint admits, as an interval of the line.
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        for (i, range) in ranges.iter().enumerate() {
+            let Some(range) = range else { break };
+            let slack = ROUNDING * (1.0 + motion.rates[i].abs());
+            let from = motion.rates[i] + range.low * dt - slack;
+            let to = motion.rates[i] + range.high * dt + slack;
+            let x = line[i];
+            if x == 0.0 {
+                if from > 0.0 || to < 0.0 {
+                    return None;
+                }
+                continue;
+            }
+            let (a, b) = (from / x, to / x);
+            low = low.max(a.min(b));
+            high = high.min(a.max(b));
+        }
+        if low > high {
+            return None;
+        }
+        let factor = factor.clamp(low, high);
+        let limits = if (factor - target).abs() <= ROUNDING {
+            Vec::new()
+        } else {
+            vec![cause]
+        };
+        Some(Limited {
+            rates: line.map(|x| x * factor),
+            limits,
+            straight: true,
+        })
+    }
+
+    /// Limits along a line in the space of joint rates, in multiples of `line`, and the joints
+    /// that set them.
+    fn bounds_along(&self, line: &Joints, positions: &Joints) -> (Bounds, Binding) {
+        let mut bounds = Bounds {
+            velocity: f64::INFINITY,
+            acceleration: f64::INFINITY,
+            jerk: f64::INFINITY,
+            up: f64::INFINITY,
+            down: f64::INFINITY,
+        };
+        let mut binding = Binding::default();
+        for (i, (limit, x)) in (0_u8..).zip(self.limits.iter().zip(line.iter())) {
+            let size = x.abs();
+            if size == 0.0 {
+                continue;
+            }
+            let to_upper = (limit.upper - positions[usize::from(i)]) / size;
+            let to_lower = (positions[usize::from(i)] - limit.lower) / size;
+            let (up, down) = if *x > 0.0 {
+                (to_upper, to_lower)
+            } else {
+                (to_lower, to_upper)
+            };
+            for (bound, value, joint) in [
+                (
+                    &mut bounds.velocity,
+                    limit.velocity / size,
+                    &mut binding.velocity,
+                ),
+                (
+                    &mut bounds.acceleration,
+                    limit.acceleration / size,
+                    &mut binding.acceleration,
+                ),
+                (&mut bounds.jerk, limit.jerk / size, &mut binding.jerk),
+                (&mut bounds.up, up, &mut binding.up),
+                (&mut bounds.down, down, &mut binding.down),
+            ] {
+                if value < *bound {
+                    *bound = value;
+                    *joint = i;
+                }
+            }
+        }
+        (bounds, binding)
+    }
+
+    /// Every joint for itself, all arriving at about the same time.
+    fn joint_by_joint(
+        &self,
+        motion: &Motion,
+        wanted: &Joints,
+        dt: f64,
+        ranges: &[Option<Admissible>; MAX_JOINTS],
+    ) -> Limited {
+        let scale = self
+            .limits
+            .iter()
+            .zip(wanted.iter())
+            .fold(1.0_f64, |s, (limit, x)| s.min(limit.velocity / x.abs()));
+        let duration = |i: usize| {
+            let (limit, change) = (&self.limits[i], (wanted[i] * scale - motion.rates[i]).abs());
+            let ramp = limit.acceleration / limit.jerk;
+            if change > limit.acceleration * ramp {
+                change / limit.acceleration + ramp
+            } else {
+                2.0 * (change / limit.jerk).sqrt()
+            }
+        };
+        let longest = (0..self.limits.len()).map(duration).fold(dt, f64::max);
+        let mut rates = motion.rates;
+        let mut limits = Vec::new();
+        for (i, limit) in (0_u8..).zip(&self.limits) {
+            let joint = usize::from(i);
+            let Some(range) = ranges[joint] else { break };
+            let slowness = duration(joint) / longest;
+            let axis = Self::axis(joint, motion);
+            let most = limit.acceleration * slowness;
+            let ideal = axis
+                .towards(wanted[joint] * scale, limit.jerk * slowness * slowness, dt)
+                .clamp(-most, most);
+            rates[joint] += ideal.clamp(range.low, range.high) * dt;
+            if ideal > range.high {
+                limits.push(Binding::all(i).limit(range.high_cause, true));
+            } else if ideal < range.low {
+                limits.push(Binding::all(i).limit(range.low_cause, false));
+            } else if (rates[joint] - wanted[joint]).abs() > ROUNDING {
+                limits.push(Limit::JointJerk(i));
+            }
+        }
+        Limited {
+            rates,
+            limits,
+            straight: false,
+        }
+    }
+}
+
+/// The joints that set the limits along a line.
+#[derive(Clone, Copy, Debug, Default)]
+struct Binding {
+    velocity: u8,
+    acceleration: u8,
+    jerk: u8,
+    up: u8,
+    down: u8,
+}
+
+impl Binding {
+    fn all(joint: u8) -> Self {
+        Self {
+            velocity: joint,
+            acceleration: joint,
+            jerk: joint,
+            up: joint,
+            down: joint,
+        }
+    }
+
+    fn limit(self, cause: Cause, upwards: bool) -> Limit {
+        match cause {
+            Cause::Position if upwards => Limit::JointPosition(self.up),
+            Cause::Position => Limit::JointPosition(self.down),
+            Cause::Velocity => Limit::JointVelocity(self.velocity),
+            Cause::Acceleration => Limit::JointAcceleration(self.acceleration),
+            Cause::Jerk => Limit::JointJerk(self.jerk),
+        }
+    }
+}

@@ -1,0 +1,484 @@
+//! The estimator: where the tip is, what the bevel and the tissue do to it, and what will come.
+//!
+//! Measurements are taken in at the image's time stamp with the base pose of that moment, then
+//! the state is predicted to the present. The filtered track of the tip is the cut path; the rod
+//! on this path gives the tip's slope, which with the bevel vector and a slow disturbance is the
+//! direction of growth.
+
+mod filter;
+mod path;
+mod rod;
+mod rollout;
+mod stiffness;
+
+use hal::Stamp;
+use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
+
+use crate::settings::EstimatorSettings;
+use crate::view::{Entry, Tip};
+use filter::Filter;
+use path::CutPath;
+use rod::{COLUMNS, Clamp, Rod, RodConstants, Row};
+pub use rollout::Rollout;
+use stiffness::StiffnessFit;
+
+/// What is known at the start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Free length of the needle from its base to O \[m\].
+    pub length: f64,
+    /// Bending stiffness E I \[N m2\].
+    pub bending_stiffness: f64,
+    /// The entry.
+    pub entry: Entry,
+    /// Pose of the base with the tip at the surface, or at the present depth.
+    pub world_from_base: Isometry3<f64>,
+}
+
+/// Why an estimator cannot start.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum EstimatorError {
+    /// A number is not positive and finite.
+    #[error("{quantity} is {value}; a positive, finite number is needed")]
+    NotPositive {
+        /// What it is.
+        quantity: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The needle does not point into the tissue.
+    #[error(
+        "the needle's axis is {angle_deg} degrees off the surface's normal; at most 60 are possible"
+    )]
+    Askew {
+        /// Angle between needle and normal \[deg\].
+        angle_deg: f64,
+    },
+}
+
+/// One measurement of the needle, everything in World.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation<'a> {
+    /// Exposure.
+    pub stamp: Stamp,
+    /// Base pose at the exposure.
+    pub world_from_base: Isometry3<f64>,
+    /// The tip O \[m\].
+    pub position: Point3<f64>,
+    /// Its standard deviation across the axis \[m\].
+    pub position_sigma: f64,
+    /// Tip axis.
+    pub direction: Unit<Vector3<f64>>,
+    /// Its standard deviation, per axis \[rad\].
+    pub direction_sigma: f64,
+    /// Visible points of the shaft and their standard deviations \[m\]; may be empty.
+    pub shaft: &'a [(Point3<f64>, f64)],
+}
+
+/// What became of a measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Health {
+    /// Taken in.
+    Used,
+    /// Not newer than the one before.
+    Stale,
+    /// Holds a number that is not finite, or no spread.
+    Rejected,
+}
+
+/// State at one instant.
+#[derive(Clone, Debug)]
+struct Moment {
+    stamp: Option<Stamp>,
+    filter: Filter,
+    path: CutPath,
+    rod: Rod,
+    clamp: Clamp,
+    azimuth: f64,
+}
+
+/// Load columns of the moment's rod.
+const X: usize = 0;
+const Y: usize = 1;
+const PIVOT: usize = 2;
+const SHIFT: usize = 3;
+const TIP: usize = 4;
+
+/// Filter over tip, path, bevel, disturbance and stiffness, with the predictive model.
+#[derive(Clone, Debug)]
+pub struct Estimator {
+    settings: EstimatorSettings,
+    /// Insertion frame: origin at the entry at rest, z into the tissue.
+    world_from_insertion: Isometry3<f64>,
+    length: f64,
+    constants: RodConstants,
+    measured: Moment,
+    present: Moment,
+    present_base: Isometry3<f64>,
+    stiffness: StiffnessFit,
+    last_fit: Option<Stamp>,
+    /// Measured minus modelled depth of the tip \[m\].
+    depth_offset: f64,
+    /// Measured minus modelled slope of the tip, slowly filtered.
+    slope_offset: Vector2<f64>,
+    observations: u64,
+}
+
+fn positive(quantity: &'static str, value: f64) -> Result<(), EstimatorError> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(EstimatorError::NotPositive { quantity, value })
+    }
+}
+
+fn planar(row: &Row) -> Vector2<f64> {
+    Vector2::new(row[X], row[Y])
+}
+
+impl Estimator {
+    /// An estimator before its first measurement. Where the tip is already inside the tissue,
+    /// its path so far is taken as straight from the entry.
+    ///
+    /// # Errors
+    /// See [`EstimatorError`].
+    pub fn new(settings: &EstimatorSettings, start: &Start) -> Result<Self, EstimatorError> {
+        positive("needle length", start.length)?;
+        positive("bending stiffness", start.bending_stiffness)?;
+        positive("stiffness_n_m2", settings.stiffness_n_m2)?;
+        positive("step_mm", settings.step_mm)?;
+        positive("cut_angle_deg", settings.cut_angle_deg)?;
+        let axis = start.world_from_base.rotation * Vector3::z();
+        let angle = axis.angle(&start.entry.inward);
+        if !(angle < 60_f64.to_radians()) {
+            return Err(EstimatorError::Askew {
+                angle_deg: angle.to_degrees(),
+            });
+        }
+        let world_from_insertion = insertion_frame(start);
+        let constants = RodConstants {
+            bending: start.bending_stiffness,
+            axial: settings.axial_load_n,
+            bed: settings.stiffness_n_m2,
+        };
+        let base = world_from_insertion.inverse() * start.world_from_base;
+        let clamp = clamp_of(&base, &StiffnessFit::new(settings));
+        let tip = base * Point3::new(0.0, 0.0, start.length);
+        let entry = planar(&clamp.w) - planar(&clamp.slope) * clamp.z;
+        let mut path = CutPath::new(settings.step_mm * 1e-3);
+        path.for_each(|_, row| *row = tip_row(&entry));
+        path.extend_to(tip.z.max(0.0), &tip_row(&tip.coords.xy()));
+        path.for_each(|_, row| row[TIP] = 0.0);
+        path.set_tip(&tip_row(&tip.coords.xy()));
+        let mut moment = Moment {
+            stamp: None,
+            filter: Filter::new(tip.coords.xy(), settings),
+            path,
+            rod: Rod::default(),
+            clamp,
+            azimuth: azimuth_of(&base),
+        };
+        moment.rod.solve(&constants, &moment.clamp, &moment.path);
+        Ok(Self {
+            settings: settings.clone(),
+            world_from_insertion,
+            length: start.length,
+            constants,
+            present: moment.clone(),
+            measured: moment,
+            present_base: start.world_from_base,
+            stiffness: StiffnessFit::new(settings),
+            last_fit: None,
+            depth_offset: 0.0,
+            slope_offset: Vector2::zeros(),
+            observations: 0,
+        })
+    }
+
+    /// Takes in a measurement, at its own time.
+    pub fn observe(&mut self, o: &Observation<'_>) -> Health {
+        let sane = o.position.iter().all(|x| x.is_finite())
+            && o.direction.iter().all(|x| x.is_finite())
+            && o.world_from_base
+                .translation
+                .vector
+                .iter()
+                .all(|x| x.is_finite())
+            && o.position_sigma.is_finite()
+            && o.direction_sigma.is_finite()
+            && o.position_sigma > 0.0
+            && o.direction_sigma >= 0.0;
+        if !sane {
+            return Health::Rejected;
+        }
+        if self.measured.stamp.is_some_and(|last| o.stamp <= last) {
+            return Health::Stale;
+        }
+        let elapsed = self
+            .measured
+            .stamp
+            .map_or(0.0, |last| o.stamp.secs_since(last));
+        let base = self.world_from_insertion.inverse() * o.world_from_base;
+        self.measured.stamp = Some(o.stamp);
+        self.advance_measured(&base);
+        let position = self
+            .world_from_insertion
+            .inverse_transform_point(&o.position);
+        let axis = self
+            .world_from_insertion
+            .inverse_transform_vector(&o.direction);
+        self.observations += 1;
+        let m = &mut self.measured;
+        let slope = planar(&m.rod.tip_slope());
+        let by_position = m.rod.tip_slope()[TIP];
+        let ahead = position.z - m.path.tip_depth();
+        let gain = (1.0 / self.observations as f64).max(0.05);
+        self.depth_offset += gain * ahead;
+        m.filter
+            .measure_position(&(position.coords.xy() - slope * ahead), o.position_sigma);
+        if axis.z > 0.3 {
+            let difference = Vector2::new(axis.x / axis.z, axis.y / axis.z) - slope;
+            let sigma = o
+                .direction_sigma
+                .max(self.settings.direction_floor_deg.to_radians());
+            m.filter.measure_slope(&difference, by_position, sigma);
+            // About two seconds, or as long as the noise needs to fall below 0.1 degree.
+            let time = (0.033 * (o.direction_sigma / 1.7e-3).powi(2)).max(1.5);
+            let gain = (elapsed / time).clamp(gain.min(0.3), 1.0);
+            self.slope_offset += (difference - self.slope_offset) * gain;
+        }
+        let tip = tip_row(&m.filter.position());
+        m.path.set_tip(&tip);
+        m.rod.solve(&self.constants, &m.clamp, &m.path);
+        self.fit_stiffness(o);
+        Health::Used
+    }
+
+    /// Predicts to the present with the base as it is now, and answers the tip.
+    pub fn predict(&mut self, now: Stamp, world_from_base: &Isometry3<f64>) -> Tip {
+        let base = self.world_from_insertion.inverse() * world_from_base;
+        if base.translation.vector.iter().all(|x| x.is_finite()) {
+            let Self {
+                measured, present, ..
+            } = self;
+            present.stamp = measured.stamp;
+            present.filter.clone_from(&measured.filter);
+            present.path.copy_from(&measured.path);
+            present.rod.clone_from(&measured.rod);
+            present.clamp = measured.clamp;
+            present.azimuth = measured.azimuth;
+            advance(
+                present,
+                &base,
+                self.length,
+                self.depth_offset,
+                &self.constants,
+                &self.stiffness,
+                &self.settings,
+            );
+            self.present_base = *world_from_base;
+        }
+        let age = self
+            .measured
+            .stamp
+            .map_or(f64::INFINITY, |last| now.secs_since(last).max(0.0));
+        self.tip(age)
+    }
+
+    /// Stiffness per length \[N/m2\] and the standard deviation of its logarithm.
+    pub fn stiffness(&self) -> (f64, f64) {
+        (self.constants.bed, self.stiffness.sigma())
+    }
+
+    /// Natural curvature at full bevel effect, 2 gamma / lambda \[1/m\].
+    pub fn natural_curvature(&self) -> f64 {
+        2.0 * self.present.filter.bevel().norm() / self.wave_length()
+    }
+
+    /// lambda = (4 E I / K)^(1/4) \[m\].
+    pub fn wave_length(&self) -> f64 {
+        (4.0 * self.constants.bending / self.constants.bed).powf(0.25)
+    }
+
+    /// Estimated angle from the nominal bevel direction (-y of the base) to the direction in
+    /// which the bevel steers, positive about the needle's z \[rad\].
+    pub fn bevel_azimuth(&self) -> f64 {
+        let g = self.present.filter.bevel();
+        g.y.atan2(g.x)
+    }
+
+    /// Direction of the bevel's effect now, azimuth in the insertion frame \[rad\].
+    pub fn bevel_direction(&self) -> f64 {
+        self.present.azimuth + self.bevel_azimuth()
+    }
+
+    /// Estimated slow disturbance of the direction of cutting \[rad\].
+    pub fn disturbance(&self) -> Vector2<f64> {
+        self.present.filter.disturbance()
+    }
+
+    /// Free length of the needle \[m\].
+    pub fn needle_length(&self) -> f64 {
+        self.length
+    }
+
+    /// Depth of the tip below the surface \[m\].
+    pub fn depth(&self) -> f64 {
+        self.present.path.tip_depth()
+    }
+
+    /// Change of the tip's slope per pivot of the base about the entry \[rad/rad\], tip held:
+    /// near 0 the base has lost its authority, below it acts the wrong way.
+    pub fn pivot_authority(&self) -> f64 {
+        self.present.rod.tip_slope()[PIVOT]
+    }
+
+    /// Displacement of the needle from its path at the entry \[m\], in the insertion frame.
+    pub fn entry_stretch(&self) -> Vector2<f64> {
+        planar(&self.present.rod.entry()) - planar(self.present.path.value(0))
+    }
+
+    /// Mean displacement of the needle from its path \[m\].
+    pub fn mean_stretch(&self) -> f64 {
+        self.present.rod.mean_stretch(&self.present.path, X, Y)
+    }
+
+    /// Insertion frame: origin at the entry at rest, z into the tissue, in World.
+    pub fn world_from_insertion(&self) -> &Isometry3<f64> {
+        &self.world_from_insertion
+    }
+
+    /// Rotation vector in World of a pivot by the slope `pivot` (insertion frame) \[rad\].
+    pub fn pivot_rotation(&self, pivot: &Vector2<f64>) -> Vector3<f64> {
+        self.world_from_insertion.rotation * Vector3::new(-pivot.y, pivot.x, 0.0)
+    }
+
+    /// Vector in World of a lateral vector of the insertion frame.
+    pub fn lateral(&self, vector: &Vector2<f64>) -> Vector3<f64> {
+        self.world_from_insertion.rotation * Vector3::new(vector.x, vector.y, 0.0)
+    }
+
+    fn advance_measured(&mut self, base: &Isometry3<f64>) {
+        advance(
+            &mut self.measured,
+            base,
+            self.length,
+            self.depth_offset,
+            &self.constants,
+            &self.stiffness,
+            &self.settings,
+        );
+    }
+
+    fn tip(&self, age: f64) -> Tip {
+        let m = &self.present;
+        let c = m.filter.position();
+        let position = self.world_from_insertion * Point3::new(c.x, c.y, m.path.tip_depth());
+        let slope = planar(&m.rod.tip_slope()) + self.slope_offset;
+        let axis = self.world_from_insertion.rotation * Vector3::new(slope.x, slope.y, 1.0);
+        let from = self.present_base.rotation * Vector3::z();
+        // Without torsion the tip frame is the base frame turned the shortest way.
+        let bend = UnitQuaternion::rotation_between(&from, &axis).unwrap_or_default();
+        Tip {
+            world_from_tip: Isometry3::from_parts(
+                Translation3::from(position.coords),
+                bend * self.present_base.rotation,
+            ),
+            position_sigma: (0.5 * (m.filter.p[(0, 0)] + m.filter.p[(1, 1)])).sqrt(),
+            direction_sigma: 0.2_f64.to_radians(),
+            age,
+        }
+    }
+
+    fn fit_stiffness(&mut self, o: &Observation<'_>) {
+        let due = self
+            .last_fit
+            .is_none_or(|last| o.stamp.secs_since(last) >= self.settings.stiffness_period_s);
+        if !due || o.shaft.len() < 4 || self.measured.path.tip_depth() < 8e-3 {
+            return;
+        }
+        self.last_fit = Some(o.stamp);
+        let shaft = o
+            .shaft
+            .iter()
+            .map(|(p, sigma)| (self.world_from_insertion.inverse_transform_point(p), *sigma));
+        self.stiffness
+            .fit(&mut self.constants, &self.measured, shaft);
+        self.measured
+            .rod
+            .solve(&self.constants, &self.measured.clamp, &self.measured.path);
+    }
+}
+
+/// Origin at the entry, z along the inward normal, x nearest to the base's x.
+fn insertion_frame(start: &Start) -> Isometry3<f64> {
+    let z = start.entry.inward.into_inner();
+    let x = start.world_from_base.rotation * Vector3::x();
+    let x = (x - z * z.dot(&x)).normalize();
+    let rotation = nalgebra::Rotation3::from_basis_unchecked(&[x, z.cross(&x), z]);
+    Isometry3::from_parts(
+        Translation3::from(start.entry.point.coords),
+        UnitQuaternion::from_rotation_matrix(&rotation),
+    )
+}
+
+fn azimuth_of(base: &Isometry3<f64>) -> f64 {
+    let bevel = base.rotation * -Vector3::y();
+    bevel.y.atan2(bevel.x)
+}
+
+/// A tip that can be moved by the unit column.
+fn tip_row(v: &Vector2<f64>) -> Row {
+    let mut row = Row::default();
+    row[X] = v.x;
+    row[Y] = v.y;
+    row[TIP] = 1.0;
+    row
+}
+
+/// Clamp of a base pose in the insertion frame, with the columns of unit pivot and shift.
+fn clamp_of(base: &Isometry3<f64>, fit: &StiffnessFit) -> Clamp {
+    let axis = base.rotation * Vector3::z();
+    let origin = base.translation.vector;
+    let slope = Vector2::new(axis.x, axis.y) / axis.z.max(0.3) + fit.base_tilt();
+    let w = origin.xy() + fit.base_shift();
+    Clamp {
+        z: origin.z,
+        w: [w.x, w.y, origin.z, 1.0, 0.0],
+        slope: [slope.x, slope.y, 1.0, 0.0, 0.0],
+    }
+}
+
+/// Moves a moment to a base pose: the tip cuts on by what the base has inserted.
+fn advance(
+    m: &mut Moment,
+    base: &Isometry3<f64>,
+    length: f64,
+    depth_offset: f64,
+    constants: &RodConstants,
+    fit: &StiffnessFit,
+    s: &EstimatorSettings,
+) {
+    let before = m.rod.tip_slope();
+    m.clamp = clamp_of(base, fit);
+    let azimuth = azimuth_of(base);
+    let middle = m.azimuth + 0.5 * crate::tasks::wrap(azimuth - m.azimuth);
+    m.azimuth = azimuth;
+    let depth = (m.clamp.z + length - m.rod.shortening(X, Y) + depth_offset).max(1e-6);
+    let step = (depth - m.path.tip_depth()).max(0.0);
+    let compliance = s.tip_compliance_deg_n.to_radians();
+    let slope = planar(&before) - planar(&m.rod.reaction()) * compliance;
+    m.filter.propagate(step, &slope, before[TIP], middle, s);
+    m.path
+        .extend_to(m.path.tip_depth() + step, &tip_row(&m.filter.position()));
+    m.path.for_each(|_, row| row[TIP] = 0.0);
+    m.path.set_tip(&tip_row(&m.filter.position()));
+    m.rod.solve(constants, &m.clamp, &m.path);
+    // Half of the slope's change belongs to this step already.
+    let change = (planar(&m.rod.tip_slope()) - planar(&before)) * (0.5 * step);
+    let corrected = m.filter.position() + change;
+    m.filter.x.fixed_rows_mut::<2>(0).copy_from(&corrected);
+    m.path.set_tip(&tip_row(&corrected));
+}
+
+const _: () = assert!(COLUMNS > TIP);

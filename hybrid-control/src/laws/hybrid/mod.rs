@@ -1,0 +1,155 @@
+//! Law `hybrid`: steering by the predicted miss, base and bevel planned together in strict
+//! priority, the bevel modulated by curvature debt.
+
+mod plan;
+
+use core::time::Duration;
+
+use hal::telemetry::{Limit, SteeringMode};
+use hal::{Stamp, Twist};
+use nalgebra::{Vector2, Vector3};
+
+use crate::bevel::BevelModulator;
+use crate::estimator::Rollout;
+use crate::settings::HybridSettings;
+use crate::tasks::target_velocity;
+use crate::view::{Decision, Law, View, blank_report};
+use plan::Plan;
+pub use plan::PlanSummary;
+
+pub(super) struct Hybrid {
+    settings: HybridSettings,
+    rollout: Rollout,
+    modulator: BevelModulator,
+    plan: Plan,
+    planned_at: Option<Stamp>,
+    last_base: Option<Vector3<f64>>,
+}
+
+impl Hybrid {
+    pub(super) fn new(settings: &HybridSettings) -> Self {
+        Self {
+            settings: settings.clone(),
+            rollout: Rollout::new(),
+            modulator: BevelModulator::new(settings.debt_threshold_mm * 1e-3),
+            plan: Plan::default(),
+            planned_at: None,
+            last_base: None,
+        }
+    }
+
+    /// A new plan, where one is due. `false`: there is none to follow.
+    fn refresh(&mut self, view: &View<'_>) -> bool {
+        let period = Duration::from_secs_f64(1.0 / self.settings.plan_rate_hz);
+        let due = self
+            .planned_at
+            .is_none_or(|at| view.time.since(at) >= period);
+        if !due {
+            return self.plan.valid;
+        }
+        self.planned_at = Some(view.time);
+        view.estimator.rollout(&plan::aim(view), &mut self.rollout);
+        self.plan = plan::make(view, &self.rollout, &self.settings);
+        self.plan.valid
+    }
+
+    /// Base motion of this cycle: the plan's pivot and shift approached exponentially, and the
+    /// entry unloaded where the base steers no more.
+    fn base(&mut self, view: &View<'_>) -> Twist {
+        let s = &self.settings;
+        let gain = s.base_gain_per_s.min(0.8 / view.dt.max(1e-3));
+        let tilt_max = view.limits.tilt_speed_deg_s.to_radians();
+        let lateral_max = view.limits.lateral_speed_mm_s * 1e-3;
+        let height = (view.world_from_base.translation.vector - view.entry.point.coords).norm();
+        let pivot = (self.plan.pivot * gain)
+            .cap_magnitude(tilt_max)
+            .cap_magnitude(0.7 * lateral_max / height.max(1e-3));
+        let shift = (self.plan.shift * gain).cap_magnitude(0.2 * lateral_max);
+        self.plan.pivot -= pivot * view.dt;
+        self.plan.shift -= shift * view.dt;
+        let unload = (self.plan.unload * s.unload_gain_per_s).cap_magnitude(0.1 * lateral_max);
+        self.plan.unload -= unload * view.dt;
+        let across = view.estimator.lateral(&(shift + unload));
+        let turn = view.pivot(&view.estimator.pivot_rotation(&pivot));
+        Twist {
+            linear: turn.linear + across,
+            angular: turn.angular,
+        }
+    }
+}
+
+impl Law for Hybrid {
+    fn name(&self) -> &'static str {
+        "hybrid"
+    }
+
+    fn decide(&mut self, view: &View<'_>) -> Decision {
+        if !self.refresh(view) {
+            return Decision::hold();
+        }
+        let s = &self.settings;
+        let axis = view.base_axis();
+        let here = view.world_from_base.translation.vector;
+        let advanced = self.last_base.map_or(0.0, |last| axis.dot(&(here - last)));
+        self.last_base = Some(here);
+        let spin_max = s.spin_deg_s.min(view.limits.spin_speed_deg_s).to_radians();
+        let azimuth = view.estimator.bevel_direction();
+        let spin = self.modulator.step(
+            &self.plan.curvature,
+            azimuth,
+            advanced,
+            &view.roll_travel,
+            spin_max,
+            view.dt,
+        );
+        let unfinished = self.plan.unfinished(&self.rollout);
+        let slow = if s.slow_down {
+            (s.slow_mm * 1e-3 / unfinished.max(1e-9)).clamp(0.1, 1.0)
+        } else {
+            1.0
+        };
+        let speed = view.insertion_speed * slow;
+        let base = self.base(view);
+        let screw = view.screw(speed, spin);
+        let mut report = blank_report();
+        let desired = target_velocity(
+            &view.tip.locate(&view.target.position),
+            view.insertion_speed,
+        );
+        report.heading_error = crate::duty_cycle::heading_angle(&desired);
+        let wanted = &self.plan.curvature;
+        report.bevel_error = crate::tasks::wrap(azimuth - wanted.y.atan2(wanted.x));
+        report.mode = if self.modulator.is_turning() {
+            SteeringMode::BevelTurn
+        } else {
+            SteeringMode::BevelHold
+        };
+        report.predicted_miss = self.rollout.miss;
+        report.shortfall = self.plan.shortfall;
+        report.base_authority = self.rollout.pivot;
+        report.bevel_authority = self.rollout.bevel;
+        self.plan.report_limits(&mut report.limits);
+        if !view.roll_travel.allows(0.1) || !view.roll_travel.allows(-0.1) {
+            report.limits.push(Limit::RemainingTurns);
+        }
+        Decision {
+            twist: Twist {
+                linear: base.linear + screw.linear,
+                angular: base.angular + screw.angular,
+            },
+            report,
+        }
+    }
+
+    fn reset(&mut self) {
+        self.modulator.reset();
+        self.plan = Plan::default();
+        self.planned_at = None;
+        self.last_base = None;
+    }
+}
+
+/// The lateral vector as a plain pair, for summaries.
+fn pair(v: &Vector2<f64>) -> [f64; 2] {
+    [v.x, v.y]
+}

@@ -1,0 +1,217 @@
+//! One plan of law `hybrid`: levels over pivot, shift and bevel curvature.
+
+use core::f64::consts::TAU;
+
+use hal::telemetry::Limit;
+use nalgebra::{Point3, SMatrix, SVector, Vector2, Vector3};
+
+use crate::estimator::Rollout;
+use crate::levels::{Levels, padded};
+use crate::qp::{Constraint, QpError};
+use crate::settings::HybridSettings;
+use crate::view::View;
+
+/// Unknowns: pivot (2), shift (2), curvature (2), entry stretch beyond its bound (2), all scaled
+/// to order one.
+const N: usize = 8;
+const PIVOT: usize = 0;
+const SHIFT: usize = 2;
+const CURVATURE: usize = 4;
+const EXCESS: usize = 6;
+
+/// Sides of the polygons that stand for discs.
+const SIDES: usize = 8;
+
+/// Length that counts as one in the levels \[m\].
+const MILLIMETRE: f64 = 1e-3;
+
+/// What the law carries out until the next plan, in the insertion frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Plan {
+    pub(super) valid: bool,
+    /// Pivot about the entry still to be made \[rad, as slope\].
+    pub(super) pivot: Vector2<f64>,
+    /// Shift still to be made \[m\].
+    pub(super) shift: Vector2<f64>,
+    /// Shift that only unloads the entry, still to be made \[m\].
+    pub(super) unload: Vector2<f64>,
+    /// Mean curvature wanted of the bevel, as a fraction of the full one.
+    pub(super) curvature: Vector2<f64>,
+    /// What stays out of reach \[m\]; negative: what is left of the reach.
+    pub(super) shortfall: f64,
+    bound: [bool; 4],
+}
+
+/// A plan as others may show it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlanSummary {
+    /// Pivot \[rad\].
+    pub pivot: [f64; 2],
+    /// Shift \[m\].
+    pub shift: [f64; 2],
+    /// Curvature, fraction.
+    pub curvature: [f64; 2],
+}
+
+impl Plan {
+    /// Base motion still to be made, as displacement at the target \[m\].
+    pub(super) fn unfinished(&self, rollout: &Rollout) -> f64 {
+        (self.pivot * rollout.pivot).norm() + (self.shift * rollout.shift).norm()
+    }
+
+    pub(super) fn report_limits(&self, limits: &mut Vec<Limit>) {
+        let names = [
+            Limit::TiltSpeed,
+            Limit::Workspace,
+            Limit::BevelCurvature,
+            Limit::EntryStretch,
+        ];
+        for (bound, limit) in self.bound.iter().zip(names) {
+            if *bound {
+                limits.push(limit);
+            }
+        }
+    }
+}
+
+/// Where the target will be when the tip gets there, at its present velocity.
+pub(super) fn aim(view: &View<'_>) -> Point3<f64> {
+    view.target.position
+}
+
+/// Fraction of an authority's use: all at `full`, none at zero or on the wrong side.
+fn fade(authority: f64, full: f64) -> f64 {
+    (authority / full.max(1e-9)).clamp(0.0, 1.0)
+}
+
+/// Rows that keep a pair of unknowns inside a regular polygon around `centre`.
+fn disc(rows: &mut Vec<Constraint<N>>, at: usize, centre: &Vector2<f64>, radius: f64) {
+    for side in 0..SIDES {
+        let angle = TAU * side as f64 / SIDES as f64;
+        let out = Vector2::new(angle.cos(), angle.sin());
+        let mut normal = SVector::zeros();
+        normal[at] = -out.x;
+        normal[at + 1] = -out.y;
+        rows.push(Constraint {
+            normal,
+            bound: -(radius + out.dot(centre)),
+        });
+    }
+}
+
+/// Solves the levels. A solver without success gives an invalid plan.
+pub(super) fn make(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Plan {
+    solve(view, r, s).unwrap_or_default()
+}
+
+/// Tilt and offset that the workspace still leaves.
+fn room(view: &View<'_>) -> (f64, f64) {
+    let tilt = view.base_axis().angle(&view.entry.inward);
+    let out = view.world_from_base.translation.vector - view.entry.point.coords;
+    let inward: Vector3<f64> = view.entry.inward.into_inner();
+    let across = (out - inward * inward.dot(&out)).norm();
+    (
+        (view.limits.tilt_deg.to_radians() - tilt).max(0.0),
+        (view.limits.base_offset_mm * 1e-3 - across).max(0.0),
+    )
+}
+
+fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpError> {
+    let per_degree = 1_f64.to_radians();
+    let pivot_fade = fade(r.pivot * per_degree, s.pivot_fade_mm_deg * MILLIMETRE);
+    let shift_fade = fade(r.shift.abs(), s.shift_fade);
+    let (tilt_room, offset_room) = room(view);
+    let pivot_unit = s.pivot_weight_deg.to_radians();
+    let shift_unit = s.shift_weight_mm * MILLIMETRE;
+    // Tilting back is always possible: the room counts outwards only.
+    let pivot_most = if s.pivot {
+        pivot_fade * tilt_room.max(2_f64.to_radians())
+    } else {
+        0.0
+    };
+    let shift_most = if s.shift {
+        shift_fade * offset_room.max(2.0 * MILLIMETRE)
+    } else {
+        0.0
+    };
+    let early = ((r.remaining / MILLIMETRE - s.reserve_until_mm) / 20.0).clamp(0.0, 1.0);
+    let curvature_most = 1.0 - s.bevel_reserve * early;
+
+    let mut rows: Vec<Constraint<N>> = Vec::with_capacity(crate::qp::MAX_CONSTRAINTS);
+    let none = Vector2::zeros();
+    disc(&mut rows, PIVOT, &none, pivot_most / pivot_unit);
+    disc(&mut rows, SHIFT, &none, shift_most / shift_unit);
+    disc(&mut rows, CURVATURE, &none, curvature_most);
+    let stretch_bound = view.limits.entry_stretch_mm;
+    let per_pivot = r.entry_per_pivot * pivot_unit / MILLIMETRE;
+    let per_shift = r.entry_per_shift * shift_unit / MILLIMETRE;
+    let stretch = r.entry_stretch / MILLIMETRE;
+    for side in 0..SIDES {
+        let angle = TAU * side as f64 / SIDES as f64;
+        let out = Vector2::new(angle.cos(), angle.sin());
+        let mut normal = SVector::<f64, N>::zeros();
+        for i in 0..2 {
+            normal[PIVOT + i] = -out[i] * per_pivot;
+            normal[SHIFT + i] = -out[i] * per_shift;
+            normal[EXCESS + i] = out[i];
+        }
+        rows.push(Constraint {
+            normal,
+            bound: out.dot(&stretch) - stretch_bound,
+        });
+    }
+
+    let mut levels = Levels::new(&rows);
+    let mut miss = SMatrix::<f64, 2, N>::zeros();
+    for i in 0..2 {
+        miss[(i, PIVOT + i)] = r.pivot * pivot_unit / MILLIMETRE;
+        miss[(i, SHIFT + i)] = r.shift * shift_unit / MILLIMETRE;
+        miss[(i, CURVATURE + i)] = r.bevel / MILLIMETRE;
+    }
+    let (a, b) = padded(&miss, &(r.miss / MILLIMETRE));
+    let first = levels.level(&a, &b)?;
+    let mut excess = SMatrix::<f64, 2, N>::zeros();
+    excess[(0, EXCESS)] = 1.0;
+    excess[(1, EXCESS + 1)] = 1.0;
+    let (a, b) = padded(&excess, &Vector2::zeros());
+    levels.level(&a, &b)?;
+    let mut effort = SMatrix::<f64, N, N>::zeros();
+    for i in 0..4 {
+        effort[(i, i)] = 1.0;
+    }
+    levels.level(&effort, &SVector::zeros())?;
+
+    let x = levels.x();
+    let two = |at: usize| Vector2::new(x[at], x[at + 1]);
+    let residual = (r.miss / MILLIMETRE - miss * x).norm() * MILLIMETRE;
+    let reach = r.bevel + r.pivot.max(0.0) * pivot_most + r.shift.abs() * shift_most;
+    let binds = |group: usize| (0..SIDES).any(|i| first.multipliers[group * SIDES + i] > 1e-6);
+    let unload = if s.unload && r.entry_per_shift.abs() > 0.05 {
+        -r.entry_stretch / r.entry_per_shift * (1.0 - shift_fade)
+    } else {
+        Vector2::zeros()
+    };
+    Ok(Plan {
+        valid: x.iter().all(|v| v.is_finite()),
+        pivot: two(PIVOT) * (pivot_unit * pivot_fade),
+        shift: two(SHIFT) * (shift_unit * shift_fade),
+        unload,
+        curvature: two(CURVATURE).cap_magnitude(1.0),
+        shortfall: if curvature_most >= 1.0 && residual > 1e-6 {
+            residual
+        } else {
+            r.miss.norm() - reach
+        },
+        bound: [binds(0), binds(1), binds(2), binds(3)],
+    })
+}
+
+impl From<&Plan> for PlanSummary {
+    fn from(plan: &Plan) -> Self {
+        Self {
+            pivot: super::pair(&plan.pivot),
+            shift: super::pair(&plan.shift),
+            curvature: super::pair(&plan.curvature),
+        }
+    }
+}

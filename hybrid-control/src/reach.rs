@@ -1,0 +1,199 @@
+//! When an insertion ends, and whether a target can be reached at all.
+
+use hal::Stamp;
+use hal::telemetry::LawReport;
+use nalgebra::{Isometry3, Point3};
+
+use crate::estimator::{Estimator, Rollout};
+use crate::settings::Limits;
+
+/// Distance of the target ahead of the tip along its axis \[m\]; negative: it has been passed.
+pub fn target_ahead(world_from_tip: &Isometry3<f64>, target: &Point3<f64>) -> f64 {
+    world_from_tip.inverse_transform_point(target).z
+}
+
+/// Distance of the target from the tip's axis \[m\].
+pub fn lateral_error(world_from_tip: &Isometry3<f64>, target: &Point3<f64>) -> f64 {
+    world_from_tip
+        .inverse_transform_point(target)
+        .coords
+        .xy()
+        .norm()
+}
+
+/// Tells a target that has been out of reach for more than a second.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReachMonitor {
+    tolerance: f64,
+    since: Option<Stamp>,
+}
+
+/// How long a shortfall must last \[s\].
+const PATIENCE: f64 = 1.0;
+
+impl ReachMonitor {
+    /// `tolerance`: shortfall that is accepted \[m\].
+    pub fn new(tolerance: f64) -> Self {
+        Self {
+            tolerance,
+            since: None,
+        }
+    }
+
+    /// The shortfall \[m\], once it has lasted.
+    pub fn update(&mut self, now: Stamp, report: &LawReport) -> Option<f64> {
+        // NaN: unknown, which is no shortfall.
+        if !(report.shortfall > self.tolerance) {
+            self.since = None;
+            return None;
+        }
+        let since = *self.since.get_or_insert(now);
+        (now.secs_since(since) > PATIENCE).then_some(report.shortfall)
+    }
+}
+
+/// Why an insertion is refused before it starts.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Unreachable {
+    /// The target is not in front of the tip.
+    #[error("the target is {behind_mm:.1} mm behind the tip")]
+    Behind {
+        /// How far \[mm\].
+        behind_mm: f64,
+    },
+    /// The target is deeper than the needle is long.
+    #[error("the needle is {missing_mm:.1} mm too short for the target")]
+    TooDeep {
+        /// What is missing \[mm\].
+        missing_mm: f64,
+    },
+    /// The target is too far aside.
+    #[error(
+        "the target is {shortfall_mm:.1} mm out of reach: {miss_mm:.1} mm aside, {reach_mm:.1} mm can be steered"
+    )]
+    Aside {
+        /// What is missing \[mm\].
+        shortfall_mm: f64,
+        /// Predicted miss without steering \[mm\].
+        miss_mm: f64,
+        /// What bevel and base can give together \[mm\].
+        reach_mm: f64,
+    },
+    /// The target is not a finite point.
+    #[error("the target's coordinates are not finite")]
+    NonFinite,
+}
+
+/// Which means a law steers with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Means {
+    /// The bevel.
+    pub bevel: bool,
+    /// The base.
+    pub base: bool,
+}
+
+impl Means {
+    /// Those of the law of that name; unknown names have both.
+    pub fn of_law(name: &str) -> Self {
+        match name {
+            "none" => Self {
+                bevel: false,
+                base: false,
+            },
+            "tip-only" => Self {
+                bevel: true,
+                base: false,
+            },
+            "base-only" | "broyden" => Self {
+                bevel: false,
+                base: true,
+            },
+            _ => Self {
+                bevel: true,
+                base: true,
+            },
+        }
+    }
+}
+
+/// Checks before the start whether a target (World) can be reached, by the predictive model
+/// with base authority counted.
+///
+/// Half of what the base could do within its tilt is counted: its authority fades while it
+/// moves. The bevel's reach is that of the prior cut angle.
+///
+/// # Errors
+/// See [`Unreachable`].
+pub fn reachable_at_start(
+    estimator: &Estimator,
+    target: &Point3<f64>,
+    limits: &Limits,
+    means: Means,
+) -> Result<(), Unreachable> {
+    if !target.iter().all(|x| x.is_finite()) {
+        return Err(Unreachable::NonFinite);
+    }
+    let depth = estimator
+        .world_from_insertion()
+        .inverse_transform_point(target)
+        .z;
+    let ahead = depth - estimator.depth();
+    if ahead <= 0.0 {
+        return Err(Unreachable::Behind {
+            behind_mm: -ahead * 1e3,
+        });
+    }
+    let missing = depth - estimator.needle_length();
+    if missing > 0.0 {
+        return Err(Unreachable::TooDeep {
+            missing_mm: missing * 1e3,
+        });
+    }
+    if means
+        == (Means {
+            bevel: false,
+            base: false,
+        })
+    {
+        return Ok(());
+    }
+    let mut rollout = Rollout::new();
+    estimator.rollout(target, &mut rollout);
+    let base = rollout.pivot.max(0.0) * limits.tilt_deg.to_radians() * 0.5;
+    let reach = if means.base { base } else { 0.0 } + if means.bevel { rollout.bevel } else { 0.0 };
+    let miss = rollout.miss.norm();
+    if miss > reach {
+        return Err(Unreachable::Aside {
+            shortfall_mm: (miss - reach) * 1e3,
+            miss_mm: miss * 1e3,
+            reach_mm: reach * 1e3,
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shortfall_must_last() {
+        let mut monitor = ReachMonitor::new(0.5e-3);
+        let report = |shortfall| LawReport {
+            shortfall,
+            ..LawReport::default()
+        };
+        assert_eq!(monitor.update(Stamp::from_secs(0.0), &report(1e-3)), None);
+        assert_eq!(monitor.update(Stamp::from_secs(0.9), &report(1e-3)), None);
+        assert_eq!(
+            monitor.update(Stamp::from_secs(0.95), &report(f64::NAN)),
+            None
+        );
+        assert_eq!(monitor.update(Stamp::from_secs(1.5), &report(2e-3)), None);
+        assert_eq!(
+            monitor.update(Stamp::from_secs(2.6), &report(2e-3)),
+            Some(2e-3)
+        );
+    }
+}

@@ -1,0 +1,461 @@
+//! Insertion: springs born at the tip as it cuts, the hole it leaves, the load on the bevel.
+//!
+//! The base is moved either with cutting ([`Insertion::insert`]) or without ([`Insertion::move_base`]).
+//! A step is cut where an event falls inside it (a spring born each `pitch` of needle, the tip
+//! passing a spring of its own hole), so the result does not depend on the steps' size.
+
+use nalgebra::{Isometry3, Vector3};
+use thiserror::Error;
+
+use crate::bevel::{Bevel, cut_angle};
+use crate::equilibrium::{Convergence, Equilibrium, EquilibriumError};
+use crate::needle::Needle;
+use crate::piece::TipLoad;
+use crate::spring::{Spring, spring_stiffness, supported_lengths};
+use crate::tissue::Tissue;
+
+/// An event is placed within this of its exact place \[m\].
+const EVENT_TOLERANCE: f64 = 1e-9;
+/// Searches for one event before giving up.
+const EVENT_TRIALS: usize = 60;
+
+/// Where the tissue's rest position is when the tip cuts it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum RestPoint {
+    /// The measured tip centre O where one is given, the model's otherwise (section IV.B).
+    #[default]
+    Measured,
+    /// The model's tip centre O: tissue cut by the needle is where the needle is.
+    ModelCentre,
+    /// The model's cutting edge: O displaced by the needle's radius in the bevel direction.
+    CuttingEdge,
+}
+
+/// How an insertion is modelled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InsertionSettings {
+    /// Length of needle between births of springs \[m\].
+    pub pitch: f64,
+    /// Rest point of a newborn spring.
+    pub rest_point: RestPoint,
+    /// Length of the cut path behind the tip whose chord gives the cut angle of eq. (3) \[m\].
+    pub chord: f64,
+    /// Factor on the tip load of eq. (3); 1 in the paper.
+    pub load_scale: f64,
+}
+
+impl Default for InsertionSettings {
+    /// The paper's 2.5 mm; chord of 10 mm (assumed: the paper does not define the cut angle).
+    fn default() -> Self {
+        Self { pitch: 2.5e-3, rest_point: RestPoint::Measured, chord: 10e-3, load_scale: 1.0 }
+    }
+}
+
+/// Why an insertion step was refused or failed; the needle is then back where the step began.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum InsertionError {
+    /// A setting out of range.
+    #[error("insertion setting {name} must be finite and positive, got {value}")]
+    Setting {
+        /// Its name.
+        name: &'static str,
+        /// Offending value, in SI units.
+        value: f64,
+    },
+    /// The base pose is not finite.
+    #[error("the base pose is not finite")]
+    BasePose,
+    /// The measured tip is not finite.
+    #[error("the measured tip is not finite")]
+    MeasuredTip,
+    /// The tip starts inside the tissue.
+    #[error("the needle must start outside the tissue: its tip is {depth_m} m deep")]
+    StartsInside {
+        /// Depth of the tip \[m\].
+        depth_m: f64,
+    },
+    /// A spring would be born or passed, but the place could not be found.
+    #[error("no place found for an event of the insertion (last gap {gap_m} m)")]
+    Event {
+        /// Remaining gap \[m\].
+        gap_m: f64,
+    },
+    /// No equilibrium.
+    #[error(transparent)]
+    Equilibrium(#[from] EquilibriumError),
+}
+
+/// What the tissue does at a given state: stiffnesses and tip load.
+#[derive(Debug, Clone)]
+struct Law {
+    bevel: Bevel,
+    tissue: Tissue,
+    settings: InsertionSettings,
+    /// Tip axis when the needle first touched the tissue.
+    entry_axis: Vector3<f64>,
+    /// Rest point of the next newborn relative to O, across the tip axis.
+    offset: Vector3<f64>,
+    /// Longest needle ever cut in \[m\].
+    cut: f64,
+    gaps: Vec<f64>,
+    supported: Vec<f64>,
+    /// Cut angle in use \[rad\].
+    beta: f64,
+    /// Change of the cut angle found with the one in use, through the tip load that it sets:
+    /// negative, and large near the entry where the needle is soft, so that plain substitution
+    /// would diverge there.
+    response: f64,
+}
+
+impl Law {
+    fn offset(&self, needle: &Equilibrium) -> Vector3<f64> {
+        match self.settings.rest_point {
+            RestPoint::Measured => self.offset,
+            RestPoint::ModelCentre => Vector3::zeros(),
+            RestPoint::CuttingEdge => needle.tip.y * (-needle.needle.outer_diameter() / 2.0),
+        }
+    }
+
+    /// Eqs. (2) and (3) for the present state, before Newton step `round` (from 0).
+    fn update(&mut self, needle: &mut Equilibrium, round: usize) {
+        let n = needle.springs.len();
+        if n == 0 {
+            needle.load = TipLoad::default();
+            return;
+        }
+        self.gaps.clear();
+        self.gaps.extend(needle.nodes[2..].iter().map(|node| node.l));
+        self.supported.resize(n, 0.0);
+        let tip_gap = needle.tip_length.max(0.0);
+        supported_lengths(&self.gaps, tip_gap, self.settings.pitch, &mut self.supported);
+        for (spring, length) in needle.springs.iter_mut().zip(&self.supported) {
+            let k_t = self.tissue.stiffness_at(self.tissue.depth(&spring.rest));
+            spring.stiffness = spring_stiffness(k_t, *length);
+        }
+        let (tip, axis, y) = (needle.tip_position(), needle.tip.t, needle.tip.y);
+        let k_t = self.tissue.stiffness_at(self.tissue.depth(&tip));
+        // Withdrawn from the bottom of its hole, the bevel unloads over the length of its edge.
+        let withdrawn = self.cut - needle.inserted_length();
+        let contact = (1.0 - withdrawn / self.bevel.bottom_edge()).clamp(0.0, 1.0);
+        let scale = contact * self.settings.load_scale;
+        let load = |beta: f64| TipLoad::from(self.bevel.load(k_t, beta)) * scale;
+        if round == 1 {
+            let h = 1e-4;
+            let (more, less) = (load(self.beta + h), load(self.beta - h));
+            let change = TipLoad {
+                force: (more.force - less.force) / (2.0 * h),
+                bending: (more.bending - less.bending) / (2.0 * h),
+            };
+            let twist = needle.tip_response(change);
+            let (v, w) = (twist.fixed_rows::<3>(0), twist.fixed_rows::<3>(3).into_owned());
+            let response = y.dot(&w.cross(&axis)) - y.dot(&v) / self.settings.chord;
+            self.response = response.min(0.0);
+        }
+        let found = cut_angle(&self.chord(needle, &tip), &axis, &y).clamp(0.0, self.bevel.angle());
+        self.beta += (found - self.beta) / (1.0 - self.response);
+        needle.load = load(self.beta);
+    }
+
+    /// Chord of the cut path that ends at the tip. Before the entry the path is straight.
+    fn chord(&self, needle: &Equilibrium, tip: &Vector3<f64>) -> Vector3<f64> {
+        let end = tip + self.offset(needle);
+        let mut left = self.settings.chord;
+        let (mut ahead, mut gap) = (end, needle.tip_length);
+        for i in (0..needle.springs.len()).rev() {
+            let rest = needle.springs[i].rest;
+            if left <= gap {
+                let fraction = if gap > 0.0 { left / gap } else { 0.0 };
+                return end - (ahead + (rest - ahead) * fraction);
+            }
+            left -= gap;
+            ahead = rest;
+            gap = needle.nodes[i + 1].l;
+        }
+        end - (ahead - self.entry_axis * left)
+    }
+}
+
+/// A needle being inserted.
+#[derive(Debug, Clone)]
+pub struct Insertion {
+    needle: Equilibrium,
+    law: Law,
+    /// Springs of the hole beyond the tip, deepest first.
+    hole: Vec<Spring>,
+    /// Measured tip at the end of the last insertion step.
+    measured: Option<Vector3<f64>>,
+}
+
+/// What bounds a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Event {
+    Birth,
+    Ahead,
+    Behind,
+}
+
+impl Insertion {
+    /// A straight needle before `tissue`, with its base at `world_from_base`.
+    ///
+    /// # Errors
+    /// [`InsertionError`] for settings out of range or a tip already inside the tissue.
+    pub fn new(
+        needle: Needle,
+        bevel: Bevel,
+        tissue: Tissue,
+        settings: InsertionSettings,
+        world_from_base: &Isometry3<f64>,
+    ) -> Result<Self, InsertionError> {
+        for (name, value) in [("pitch", settings.pitch), ("chord", settings.chord)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(InsertionError::Setting { name, value });
+            }
+        }
+        if !(settings.load_scale.is_finite() && settings.load_scale >= 0.0) {
+            let value = settings.load_scale;
+            return Err(InsertionError::Setting { name: "load_scale", value });
+        }
+        if !finite(world_from_base) {
+            return Err(InsertionError::BasePose);
+        }
+        let needle = Equilibrium::new(needle, *world_from_base);
+        let depth_m = tissue.depth(&needle.tip_position());
+        if depth_m > EVENT_TOLERANCE {
+            return Err(InsertionError::StartsInside { depth_m });
+        }
+        let law = Law {
+            bevel,
+            tissue,
+            settings,
+            entry_axis: needle.tip_axis(),
+            offset: Vector3::zeros(),
+            cut: 0.0,
+            gaps: Vec::with_capacity(64),
+            supported: Vec::with_capacity(64),
+            beta: 0.0,
+            response: 0.0,
+        };
+        Ok(Self { needle, law, hole: Vec::with_capacity(64), measured: None })
+    }
+
+    /// Moves the base without cutting: no spring is born, the tip may slide in its hole.
+    ///
+    /// # Errors
+    /// [`InsertionError`].
+    pub fn move_base(&mut self, world_from_base: &Isometry3<f64>) -> Result<(), InsertionError> {
+        self.step(world_from_base, None, false)
+    }
+
+    /// Moves the base and lets the tip cut; `measured_tip` is O as measured at the end of the step.
+    ///
+    /// Rest points of springs born within the step lie between the last measured tip and this one,
+    /// in the plane across the tip axis.
+    ///
+    /// # Errors
+    /// [`InsertionError`].
+    pub fn insert(
+        &mut self,
+        world_from_base: &Isometry3<f64>,
+        measured_tip: Option<Vector3<f64>>,
+    ) -> Result<(), InsertionError> {
+        self.step(world_from_base, measured_tip, true)?;
+        self.measured = measured_tip;
+        Ok(())
+    }
+
+    fn step(
+        &mut self,
+        target: &Isometry3<f64>,
+        measured: Option<Vector3<f64>>,
+        cutting: bool,
+    ) -> Result<(), InsertionError> {
+        if !finite(target) {
+            return Err(InsertionError::BasePose);
+        }
+        if measured.is_some_and(|m| !m.iter().all(|v| v.is_finite())) {
+            return Err(InsertionError::MeasuredTip);
+        }
+        let from = *self.needle.world_from_base();
+        let result = self.walk(&from, target, measured, cutting);
+        if result.is_err() {
+            self.needle.set_base(&from);
+            let law = &mut self.law;
+            self.needle.restart(|needle, round| law.update(needle, round))?;
+        }
+        result
+    }
+
+    fn walk(
+        &mut self,
+        from: &Isometry3<f64>,
+        target: &Isometry3<f64>,
+        measured: Option<Vector3<f64>>,
+        cutting: bool,
+    ) -> Result<(), InsertionError> {
+        // Sub-steps short against the pitch, so that each holds few events.
+        let travel = (target.translation.vector - from.translation.vector).norm();
+        let turn = from.rotation.angle_to(&target.rotation);
+        let pieces = (travel / self.law.settings.pitch).max(turn / 0.05).ceil().max(1.0);
+        let mut done = 0.0;
+        let mut piece = 1.0;
+        while piece <= pieces {
+            let end = piece / pieces;
+            self.settle(from, target, end)?;
+            let Some((event, _)) = self.pending(cutting) else {
+                done = end;
+                piece += 1.0;
+                continue;
+            };
+            done = self.locate(from, target, (done, end), event, cutting)?;
+            match event {
+                Event::Behind => {
+                    self.hole.extend(self.needle.pop_spring());
+                }
+                Event::Ahead => {
+                    if let Some(spring) = self.hole.pop() {
+                        self.needle.push_spring(spring);
+                    }
+                }
+                Event::Birth => self.bear(measured, done),
+            }
+            let law = &mut self.law;
+            self.needle.converge(|needle, round| law.update(needle, round))?;
+        }
+        if cutting && !self.needle.springs.is_empty() {
+            self.law.cut = self.law.cut.max(self.needle.inserted_length());
+        }
+        Ok(())
+    }
+
+    /// Equilibrium with the base `fraction` of the way.
+    fn settle(
+        &mut self,
+        from: &Isometry3<f64>,
+        target: &Isometry3<f64>,
+        fraction: f64,
+    ) -> Result<Convergence, EquilibriumError> {
+        let base = if fraction >= 1.0 { *target } else { from.lerp_slerp(target, fraction) };
+        self.needle.set_base(&base);
+        let law = &mut self.law;
+        self.needle.converge(|needle, round| law.update(needle, round))
+    }
+
+    /// The event the present state has passed, and by how much \[m\].
+    fn pending(&self, cutting: bool) -> Option<(Event, f64)> {
+        [Event::Behind, Event::Ahead, Event::Birth]
+            .into_iter()
+            .filter_map(|event| Some((event, self.gap(event, cutting)?)))
+            .find(|(_, gap)| *gap > EVENT_TOLERANCE)
+    }
+
+    /// How far the state is past an `event` \[m\]; `None` if it cannot happen.
+    fn gap(&self, event: Event, cutting: bool) -> Option<f64> {
+        let inside = !self.needle.springs.is_empty();
+        match event {
+            Event::Behind => inside.then_some(-self.needle.tip_length),
+            Event::Ahead => {
+                let next = self.hole.last()?;
+                Some(self.needle.tip_axis().dot(&(self.needle.tip_position() - next.rest)))
+            }
+            Event::Birth if !cutting || !self.hole.is_empty() => None,
+            Event::Birth if inside => Some(self.needle.tip_length - self.law.settings.pitch),
+            Event::Birth => Some(self.law.tissue.depth(&self.needle.tip_position())),
+        }
+    }
+
+    /// Moves the base to where `event` happens within the span of fractions; returns the fraction.
+    fn locate(
+        &mut self,
+        from: &Isometry3<f64>,
+        target: &Isometry3<f64>,
+        (start, end): (f64, f64),
+        event: Event,
+        cutting: bool,
+    ) -> Result<f64, InsertionError> {
+        let gap_of = |this: &Self| this.gap(event, cutting).unwrap_or(0.0);
+        let mut high = (end, gap_of(self));
+        self.settle(from, target, start)?;
+        let mut low = (start, gap_of(self));
+        if low.1 >= -EVENT_TOLERANCE {
+            return Ok(start);
+        }
+        let mut gap_m = low.1;
+        for trial in 0..EVENT_TRIALS {
+            // Secant, with bisections now and then should the gap be far from linear.
+            let secant = low.0 - low.1 * (high.0 - low.0) / (high.1 - low.1);
+            let middle = if trial % 4 == 3 { f64::midpoint(low.0, high.0) } else { secant };
+            self.settle(from, target, middle)?;
+            gap_m = gap_of(self);
+            if gap_m.abs() <= EVENT_TOLERANCE {
+                return Ok(middle);
+            }
+            if gap_m > 0.0 {
+                high = (middle, gap_m);
+            } else {
+                low = (middle, gap_m);
+            }
+        }
+        Err(InsertionError::Event { gap_m })
+    }
+
+    /// A spring is born at the tip; `fraction` of the step is done.
+    fn bear(&mut self, measured: Option<Vector3<f64>>, fraction: f64) {
+        let (tip, axis) = (self.needle.tip_position(), self.needle.tip_axis());
+        if let Some(end) = measured {
+            let seen = self.measured.map_or(end, |start| start + (end - start) * fraction);
+            let aside = seen - tip;
+            self.law.offset = aside - axis * axis.dot(&aside);
+        }
+        if self.needle.springs.is_empty() {
+            self.law.entry_axis = axis;
+        }
+        let rest = tip + self.law.offset(&self.needle);
+        self.needle.push_spring(Spring { rest, stiffness: 0.0 });
+    }
+
+    /// The needle in equilibrium.
+    pub const fn equilibrium(&self) -> &Equilibrium {
+        &self.needle
+    }
+
+    /// The needle, for its derivatives (they refresh the tangent).
+    pub const fn equilibrium_mut(&mut self) -> &mut Equilibrium {
+        &mut self.needle
+    }
+
+    /// The tissue, with the stiffness as estimated so far.
+    pub const fn tissue(&self) -> &Tissue {
+        &self.law.tissue
+    }
+
+    /// The settings, with the tip-load scale as estimated so far.
+    pub const fn settings(&self) -> &InsertionSettings {
+        &self.law.settings
+    }
+
+    /// Springs of the hole that the tip has withdrawn from.
+    pub const fn springs_ahead(&self) -> usize {
+        self.hole.len()
+    }
+
+    /// Multiplies the tissue's stiffness and the tip-load scale, and settles anew. As eq. (3) is
+    /// proportional to K_T, the tip load grows with the product of both.
+    ///
+    /// # Errors
+    /// [`InsertionError`] for factors that are not finite and positive, or without equilibrium.
+    pub fn rescale(&mut self, stiffness: f64, load: f64) -> Result<Convergence, InsertionError> {
+        for (name, value) in [("stiffness factor", stiffness), ("load factor", load)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(InsertionError::Setting { name, value });
+            }
+        }
+        self.law.tissue.scale_stiffness(stiffness);
+        self.law.settings.load_scale *= load;
+        let law = &mut self.law;
+        Ok(self.needle.converge(|needle, round| law.update(needle, round))?)
+    }
+}
+
+fn finite(pose: &Isometry3<f64>) -> bool {
+    pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|v| v.is_finite())
+}

@@ -1,0 +1,25 @@
+//! The contract of a simulated needle in tissue.
+
+use hal::frame::{NeedleBase, World};
+use hal::{Stamp, Transform};
+
+use crate::truth::Truth;
+
+/// A needle in tissue, driven by the true pose of its base.
+///
+/// # Contract
+/// * `advance` moves the base to `world_from_base`, reached at `stamp`, along the straight
+///   screw from its last pose; it neither panics nor hangs. What it cannot simulate it
+///   reports in [`Truth::events`].
+/// * `truth` is the state at the last `advance` (or `reset`).
+/// * The same construction and the same calls give the same bits.
+pub trait Plant: Send {
+    /// Moves the base.
+    fn advance(&mut self, world_from_base: &Transform<World, NeedleBase>, stamp: Stamp);
+
+    /// The present state.
+    fn truth(&self) -> &Truth;
+
+    /// Begins anew with fresh tissue, the needle straight, time zero.
+    fn reset(&mut self, world_from_base: &Transform<World, NeedleBase>);
+}

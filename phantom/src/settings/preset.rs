@@ -1,0 +1,64 @@
+//! The presets, and overriding single settings.
+
+use toml::{Table, Value};
+
+use super::{Settings, SettingsError};
+
+/// Names of the presets.
+pub const PRESETS: [&str; 4] = ["ideal", "paper", "paper-compliant", "harsh"];
+
+/// The frozen population (see `examples/fit_population.rs`).
+const PAPER: &str = include_str!("../../data/population.toml");
+/// What the second family of tip laws changes.
+const COMPLIANT: &str = include_str!("../../data/population-compliant.toml");
+/// What the preset `harsh` changes.
+const HARSH: &str = include_str!("../../data/harsh.toml");
+
+impl Settings {
+    /// A preset: `ideal` (no flaw), `paper` (the frozen population), `paper-compliant` (the same
+    /// on the second family of tip laws) or `harsh` (breathing, sticky, layers, drops).
+    ///
+    /// # Errors
+    /// No preset has this name.
+    pub fn preset(name: &str) -> Result<Self, SettingsError> {
+        let ideal = Self::default();
+        match name {
+            "ideal" => Ok(ideal),
+            "paper" => ideal.overridden(PAPER.parse()?),
+            "paper-compliant" => ideal
+                .overridden(PAPER.parse()?)?
+                .overridden(COMPLIANT.parse()?),
+            "harsh" => ideal
+                .overridden(PAPER.parse()?)?
+                .overridden(HARSH.parse()?),
+            _ => Err(SettingsError::UnknownPreset {
+                name: name.to_owned(),
+            }),
+        }
+    }
+
+    /// These settings with the keys of `changes` replaced; tables are merged, arrays replaced.
+    /// The result is validated.
+    ///
+    /// # Errors
+    /// An unknown key, a wrong type or a value outside its range.
+    pub fn overridden(&self, changes: Table) -> Result<Self, SettingsError> {
+        // Settings are plain numbers, so they always make a table.
+        let mut table = Table::try_from(self).unwrap_or_default();
+        merge(&mut table, changes);
+        let settings: Self = table.try_into()?;
+        settings.validate()?;
+        Ok(settings)
+    }
+}
+
+fn merge(into: &mut Table, changes: Table) {
+    for (key, value) in changes {
+        match (into.get_mut(&key), value) {
+            (Some(Value::Table(inner)), Value::Table(changes)) => merge(inner, changes),
+            (_, value) => {
+                into.insert(key, value);
+            }
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! Rectification: both images as if taken by two parallel cameras side by side.
+//!
+//! Bouguet's algorithm as OpenCV's `stereoRectify` defines it, so that figures of both can be
+//! compared: rotate each camera half-way, turn both so that the baseline lies along the rows,
+//! and choose the new camera matrix from the images' borders.
+
+use nalgebra::{Point2, Rotation3, Vector2, Vector3};
+
+use super::BoardPair;
+use crate::camera::{Camera, DistortedPx, StereoRig};
+
+/// A pair of rectifying rotations and the cameras of the rectified images.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rectification {
+    /// From the left camera's axes to the rectified ones.
+    pub left: Rotation3<f64>,
+    /// From the right camera's axes to the rectified ones.
+    pub right: Rotation3<f64>,
+    /// Focal length of both rectified images \[px\].
+    pub focal: f64,
+    /// Principal points, left and right \[px\].
+    pub centres: [Point2<f64>; 2],
+    /// Position of the right camera in rectified axes times -1: the x of OpenCV's P2 over the
+    /// focal length \[m\].
+    pub shift: f64,
+}
+
+/// Vertical differences of corresponding corners after rectification \[px\].
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct RectifiedDy {
+    /// Root mean square.
+    pub rms_px: f64,
+    /// Greatest absolute value.
+    pub max_px: f64,
+}
+
+/// OpenCV's rectification with alpha = 0 (only valid pixels) and equal principal points.
+/// `None` if the baseline is not along the rows or a border cannot be undistorted.
+pub fn rectify(rig: &StereoRig) -> Option<Rectification> {
+    let right_from_left = rig.right_from_left.isometry();
+    let half = Rotation3::from_scaled_axis(right_from_left.rotation.scaled_axis() * -0.5);
+    let t = half * right_from_left.translation.vector;
+    if t.x.abs() <= t.y.abs() || t.norm() <= 0.0 {
+        return None;
+    }
+    let along = Vector3::new(t.x.signum(), 0.0, 0.0);
+    let axis = t.cross(&along);
+    let turn = if axis.norm() > 0.0 {
+        let angle = (t.x.abs() / t.norm()).min(1.0).acos();
+        Rotation3::from_scaled_axis(axis.normalize() * angle)
+    } else {
+        Rotation3::identity()
+    };
+    let (left, right) = (turn * half.inverse(), turn * half);
+    let shift = (right * right_from_left.translation.vector).x;
+
+    let mut focal = f64::midpoint(rig.left.fy, rig.right.fy);
+    let sides = [(&rig.left, &left), (&rig.right, &right)];
+    let mut centre = Vector2::zeros();
+    for (camera, rotation) in sides {
+        // The image's borders stay centred on average.
+        let (w, h) = (camera.width as f64, camera.height as f64);
+        let mut mean = Vector2::zeros();
+        for (x, y) in [
+            (0.0, 0.0),
+            (w - 1.0, 0.0),
+            (0.0, h - 1.0),
+            (w - 1.0, h - 1.0),
+        ] {
+            mean += border(camera, rotation, x, y)? * focal / 4.0;
+        }
+        centre += (Vector2::new((w - 1.0) / 2.0, (h - 1.0) / 2.0) - mean) / 2.0;
+    }
+    let mut scale = 0.0_f64;
+    for (camera, rotation) in sides {
+        let (low, high) = inner_rectangle(camera, rotation)?;
+        let (w, h) = (camera.width as f64 - 1.0, camera.height as f64 - 1.0);
+        for s in [
+            centre.x / -(low.x * focal),
+            centre.y / -(low.y * focal),
+            (w - centre.x) / (high.x * focal),
+            (h - centre.y) / (high.y * focal),
+        ] {
+            scale = scale.max(s);
+        }
+    }
+    if !(scale > 0.0 && scale.is_finite()) {
+        return None;
+    }
+    focal *= scale;
+    Some(Rectification {
+        left,
+        right,
+        focal,
+        centres: [Point2::from(centre); 2],
+        shift,
+    })
+}
+
+/// RMS and maximum of the vertical difference of all corners of all pairs; NaN for rigs that
+/// [`rectify`] refuses.
+pub fn rectified_dy<'a>(
+    rig: &StereoRig,
+    pairs: impl Iterator<Item = &'a BoardPair>,
+) -> RectifiedDy {
+    let mut result = RectifiedDy {
+        rms_px: f64::NAN,
+        max_px: f64::NAN,
+    };
+    let Some(r) = rectify(rig) else {
+        return result;
+    };
+    let (mut sum, mut max, mut count) = (0.0, 0.0_f64, 0.0);
+    for (a, b) in pairs.flat_map(|p| p.left.iter().zip(&p.right)) {
+        let left = rectified(&rig.left, &r.left, a.x, a.y);
+        let right = rectified(&rig.right, &r.right, b.x, b.y);
+        let (Some(left), Some(right)) = (left, right) else {
+            return result;
+        };
+        let dy = (left.y - right.y) * r.focal;
+        sum += dy * dy;
+        max = max.max(dy.abs());
+        count += 1.0;
+    }
+    if count > 0.0 {
+        result.rms_px = f64::sqrt(sum / count);
+        result.max_px = max;
+    }
+    result
+}
+
+impl Rectification {
+    /// Where a pixel of the left (0) or right (1) image lies in the rectified image \[px\].
+    pub fn map(&self, rig: &StereoRig, side: usize, px: DistortedPx) -> Option<Point2<f64>> {
+        let (camera, rotation) = if side == 0 {
+            (&rig.left, &self.left)
+        } else {
+            (&rig.right, &self.right)
+        };
+        let p = rectified(camera, rotation, px.0.x, px.0.y)? * self.focal;
+        Some(self.centres[side.min(1)] + p)
+    }
+}
+
+/// Normalised rectified coordinates of a pixel.
+fn rectified(camera: &Camera, rotation: &Rotation3<f64>, x: f64, y: f64) -> Option<Vector2<f64>> {
+    let d = rotation * camera.direction(DistortedPx::new(x, y))?;
+    (d.z > 0.0).then(|| d.xy() / d.z)
+}
+
+/// Normalised rectified coordinates of a pixel of the border, undistorted by five fixed-point
+/// steps as OpenCV does: beyond the boards a fitted model may fold, so that no exact inverse
+/// exists, and the choice of the new camera matrix needs none.
+fn border(camera: &Camera, rotation: &Rotation3<f64>, x: f64, y: f64) -> Option<Vector2<f64>> {
+    let start = Vector2::new((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy);
+    let d = &camera.distortion;
+    let mut n = start;
+    for _ in 0..5 {
+        let r2 = n.norm_squared();
+        let radial = 1.0 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3));
+        let tangential = d.apply(&n) - n * radial;
+        if radial.is_nan() || radial <= 0.0 {
+            return None;
+        }
+        n = (start - tangential) / radial;
+    }
+    let turned = rotation * Vector3::new(n.x, n.y, 1.0);
+    (turned.z > 0.0).then(|| turned.xy() / turned.z)
+}
+
+/// Greatest rectangle (normalised) inside the image, from a grid of nine by nine points as
+/// OpenCV takes it.
+fn inner_rectangle(
+    camera: &Camera,
+    rotation: &Rotation3<f64>,
+) -> Option<(Vector2<f64>, Vector2<f64>)> {
+    const N: usize = 9;
+    let mut low = Vector2::repeat(f64::NEG_INFINITY);
+    let mut high = Vector2::repeat(f64::INFINITY);
+    for j in 0..N {
+        for i in 0..N {
+            let at = |k: usize, size: usize| k as f64 * (size as f64 - 1.0) / (N as f64 - 1.0);
+            let p = border(camera, rotation, at(i, camera.width), at(j, camera.height))?;
+            if i == 0 {
+                low.x = low.x.max(p.x);
+            }
+            if i == N - 1 {
+                high.x = high.x.min(p.x);
+            }
+            if j == 0 {
+                low.y = low.y.max(p.y);
+            }
+            if j == N - 1 {
+                high.y = high.y.min(p.y);
+            }
+        }
+    }
+    Some((low, high))
+}
