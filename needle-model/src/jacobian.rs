@@ -30,7 +30,7 @@ pub(crate) struct Direction {
 }
 
 impl Direction {
-    const REST: Self = Self {
+    pub(crate) const REST: Self = Self {
         shift: Vector3::new(0.0, 0.0, 0.0),
         turn: Vector3::new(0.0, 0.0, 0.0),
         springs: 0.0,
@@ -135,14 +135,20 @@ impl Equilibrium {
         )
     }
 
+    /// Change of `y_tip`.
+    pub(crate) fn y_change(&self, direction: &Direction, change: &TipChange) -> Vector3<f64> {
+        let tip = &self.tip;
+        self.y_explicit(direction)
+            + tip.y_d * change.d
+            + tip.y_l * change.length
+            + tip.y_theta * change.theta
+    }
+
     /// Twist \[v; w\] of the tip frame from the change of the last node and the globals.
     pub(crate) fn tip_twist_of(&self, direction: &Direction, change: &TipChange) -> Vector6<f64> {
         let tip = &self.tip;
         let d = self.nodes[self.springs.len()].d;
-        let y = self.y_explicit(direction)
-            + tip.y_d * change.d
-            + tip.y_l * change.length
-            + tip.y_theta * change.theta;
+        let y = self.y_change(direction, change);
         let l = self.tip_length;
         let (turn, lift) = self.curl(direction.load);
         let velocity = change.p

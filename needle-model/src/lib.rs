@@ -21,7 +21,13 @@ mod block;
 
 mod equilibrium;
 
+mod shape;
+
 mod jacobian;
+
+mod sensitivity;
+
+mod measures;
 
 mod insertion;
 
@@ -29,8 +35,12 @@ pub use bevel::{Bevel, BevelError, BevelLoad, cut_angle};
 pub use equilibrium::{Convergence, Equilibrium, EquilibriumError};
 pub use insertion::{Insertion, InsertionError, InsertionSettings, RestPoint};
 pub use jacobian::{TangentError, jacobian_in_frames};
+pub use measures::mean_tissue_displacement;
 pub use needle::{Needle, NeedleError, second_moment_of_area};
 pub use piece::TipLoad;
 pub use segment::{Segment, curvature_gap, derivative_gap, position_gap};
+pub use sensitivity::{
+    Gradient, LOAD, PARAMETERS, STIFFNESS, Sensitivities, TwistRates, VectorRates,
+};
 pub use spring::{Spring, spring_force, spring_stiffness, supported_lengths};
 pub use tissue::{Layer, Tissue, TissueError};

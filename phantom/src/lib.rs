@@ -1,12 +1,24 @@
 //! Ground truth: needle, tissue, cameras and their flaws.
+//!
+//! The world in which a controller is judged. It is made of other physics, another
+//! discretisation and other parameters than the controller's model, and it may not see that
+//! model: **architecture invariant:** this crate depends on `hal` alone of ours.
+//!
+//! Reading order: [`settings`] says what there is; [`needle`] steps the rod in its tissue;
+//! [`bench`] adds the robot's flaws and the sensors; [`experiment`] scores the paper's
+//! uncontrolled insertion. `docs/PHANTOM.md` explains the physics.
 
-pub mod camera;
-pub mod draw;
-pub mod needle;
-pub mod plant;
 pub mod settings;
-pub mod truth;
 pub mod view;
+pub mod truth;
+pub mod plant;
+pub mod needle;
+pub mod draw;
+pub mod robot;
+pub mod sensor;
+pub mod camera;
+pub mod bench;
+pub mod experiment;
 
 mod field;
 mod medium;
@@ -16,6 +28,7 @@ mod rod;
 mod tissue;
 mod twist;
 
+pub use bench::{Bench, Setup};
 pub use draw::Draw;
 pub use needle::RodPlant;
 pub use plant::Plant;

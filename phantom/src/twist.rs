@@ -147,12 +147,40 @@ impl Twist {
         }
     }
 
+    /// Energy of the trial angles, whose minimum is the balance of torques \[J\].
+    fn objective(&self, rod: &Rod, sliding: &Sliding, settings: &FrictionSettings) -> f64 {
+        let stiffness = rod.section.torsion / rod.edge;
+        let limit = settings.presliding_um * 1e-6;
+        let mut sum = 0.0;
+        let mut below = 0.0;
+        for i in 0..self.trial.len() {
+            let twist = self.trial[i] - below;
+            below = self.trial[i];
+            sum += if i == 0 { stiffness } else { 0.5 * stiffness } * twist * twist;
+            let contact = sliding.contact[i];
+            if contact > 0.0 {
+                let turn = self.turned[i] + self.trial[i] - self.angles[i];
+                let old = self.bristles[i];
+                let size = (old.axial + sliding.axial[i]).hypot(old.around + sliding.radius * turn);
+                sum += settings.shaft_n_m
+                    * contact
+                    * if size <= limit {
+                        0.5 * size * size / limit
+                    } else {
+                        size - 0.5 * limit
+                    };
+            }
+        }
+        sum
+    }
+
     /// Newton's method on the tridiagonal balance of torques.
     fn solve(&mut self, rod: &Rod, sliding: &Sliding, settings: &FrictionSettings) {
         let n = self.angles.len();
         let stiffness = rod.section.torsion / rod.edge;
         let per_deflection = settings.shaft_n_m * sliding.radius / (settings.presliding_um * 1e-6);
         self.trial.copy_from_slice(&self.angles);
+        let mut energy = self.objective(rod, sliding, settings);
         for _ in 0..MOST_ITERATIONS {
             for i in 0..n {
                 let below = if i == 0 { 0.0 } else { self.trial[i - 1] };
@@ -184,9 +212,22 @@ impl Twist {
             let mut largest: f64 = 0.0;
             for i in (0..n).rev() {
                 above = (self.rhs[i] + stiffness * above) / self.diagonal[i];
+                self.rhs[i] = above;
                 self.trial[i] += above;
                 largest = largest.max(above.abs());
             }
+            // The balance is the minimum of a convex energy with kinks in its slope, at which
+            // full Newton steps may cycle.
+            let mut fraction = 1.0;
+            let mut new = self.objective(rod, sliding, settings);
+            while new > energy && fraction > 1e-3 && largest > ANGLE_TOLERANCE {
+                fraction *= 0.5;
+                for (trial, step) in self.trial.iter_mut().zip(&self.rhs) {
+                    *trial -= fraction * step;
+                }
+                new = self.objective(rod, sliding, settings);
+            }
+            energy = new;
             if largest < ANGLE_TOLERANCE {
                 break;
             }

@@ -9,6 +9,8 @@
 
 pub(crate) mod band;
 mod solve;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -16,18 +18,18 @@ use band::Band;
 
 /// Elasticity of a shaft of constant section.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Section {
+pub(crate) struct Section {
     /// Bending stiffness E I \[N m2\].
-    pub bending: f64,
+    pub(crate) bending: f64,
     /// Torsional stiffness G J \[N m2\].
-    pub torsion: f64,
+    pub(crate) torsion: f64,
     /// Axial stiffness E A \[N\].
-    pub axial: f64,
+    pub(crate) axial: f64,
 }
 
 impl Section {
     /// A tube of outer and inner diameter \[m\], Young's and shear modulus \[Pa\].
-    pub fn tube(outer: f64, inner: f64, young: f64, shear: f64) -> Self {
+    pub(crate) fn tube(outer: f64, inner: f64, young: f64, shear: f64) -> Self {
         let second_moment = core::f64::consts::PI / 64.0 * (outer.powi(4) - inner.powi(4));
         let area = core::f64::consts::PI / 4.0 * (outer * outer - inner * inner);
         Self {

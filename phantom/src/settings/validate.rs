@@ -179,8 +179,8 @@ impl Settings {
         within("robot.holder_offset_mm", r.holder_offset_mm, 0.0, 5.0)?;
         within("robot.holder_tilt_deg", r.holder_tilt_deg, 0.0, 5.0)?;
         within("robot.servo_lag_ms", r.servo_lag_ms, 0.0, 500.0)?;
-        within("robot.compliance_mm_n", r.compliance_mm_n, 0.0, 10.0)?;
-        within("robot.compliance_deg_nm", r.compliance_deg_nm, 0.0, 100.0)?;
+        within("robot.compliance_mm_n", r.compliance_mm_n, 0.0, 0.5)?;
+        within("robot.compliance_deg_nm", r.compliance_deg_nm, 0.0, 50.0)?;
         let p = &self.spread;
         within("spread.stiffness_cv", p.stiffness_cv, 0.0, 1.0)?;
         within("spread.cut_angle_cv", p.cut_angle_cv, 0.0, 1.0)?;

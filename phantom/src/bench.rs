@@ -1,0 +1,208 @@
+//! The laboratory bench: a plant, the robot's flaws and the sensors, moved by one clock.
+
+use hal::frame::{LeftCamera, NeedleBase, World};
+use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform};
+use nalgebra::{Isometry3, UnitQuaternion};
+
+use crate::camera::StereoRig;
+use crate::draw::Draw;
+use crate::needle::RodPlant;
+use crate::plant::Plant;
+use crate::robot::Robot;
+use crate::sensor::FastSensor;
+use crate::settings::{Settings, SettingsError};
+use crate::truth::Truth;
+
+/// Where things stand on the bench at the start.
+#[derive(Clone, Copy, Debug)]
+pub struct Setup {
+    /// Phantom frame: origin at the nominal entry on the gel's surface, z into the gel.
+    pub world_from_phantom: Isometry3<f64>,
+    /// Nominal pose of the needle's base at time zero.
+    pub world_from_base: Transform<World, NeedleBase>,
+    /// The true stereo frame, in which the fast sensor reports.
+    pub left_from_world: Transform<LeftCamera, World>,
+    /// Which run of the population.
+    pub seed: u64,
+}
+
+/// A plant with robot flaws and sensors.
+///
+/// The plant is stepped at exposures only (30 Hz by default), with the base's pose
+/// interpolated between the calls of [`Bench::advance_to`]; [`Bench::truth`] is the state at
+/// the last exposure, as its stamp says.
+pub struct Bench {
+    plant: Box<dyn Plant>,
+    robot: Robot,
+    sensor: FastSensor,
+    cameras: Option<StereoRig>,
+    draw: Draw,
+    now: Stamp,
+    nominal: Transform<World, NeedleBase>,
+}
+
+impl core::fmt::Debug for Bench {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Bench")
+            .field("now", &self.now)
+            .field("truth", self.plant.truth())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Bench {
+    /// A bench over the rod in tissue.
+    ///
+    /// # Errors
+    /// A setting outside its range.
+    pub fn new(settings: &Settings, setup: &Setup) -> Result<Self, SettingsError> {
+        Self::with_plant(settings, setup, |world_from_base| {
+            let plant = RodPlant::new(
+                settings,
+                &setup.world_from_phantom,
+                world_from_base,
+                setup.seed,
+            )?;
+            Ok(Box::new(plant))
+        })
+    }
+
+    /// A bench over any plant, built by `plant` for the true pose of the needle's base at the
+    /// start. Robot and sensors are those of `settings` and the seed.
+    ///
+    /// # Errors
+    /// A setting outside its range, or the plant's own.
+    pub fn with_plant<E: From<SettingsError>>(
+        settings: &Settings,
+        setup: &Setup,
+        plant: impl FnOnce(&Transform<World, NeedleBase>) -> Result<Box<dyn Plant>, E>,
+    ) -> Result<Self, E> {
+        settings.validate()?;
+        let draw = Draw::new(settings, setup.seed);
+        let robot = Robot::new(settings, &draw, &setup.world_from_base, setup.seed);
+        let mut bench = Self {
+            plant: plant(&robot.true_pose())?,
+            robot,
+            sensor: FastSensor::new(&settings.sensor, &setup.left_from_world, setup.seed),
+            cameras: None,
+            draw,
+            now: Stamp::ZERO,
+            nominal: setup.world_from_base,
+        };
+        bench.expose();
+        Ok(bench)
+    }
+
+    /// Adds cameras, which take their first pair now.
+    #[must_use]
+    pub fn with_cameras(mut self, cameras: StereoRig) -> Self {
+        self.cameras = Some(cameras);
+        self.expose();
+        self
+    }
+
+    /// The cameras, where there are any.
+    pub const fn cameras(&self) -> Option<&StereoRig> {
+        self.cameras.as_ref()
+    }
+
+    /// The cameras, for views of a board or of the empty gel.
+    pub const fn cameras_mut(&mut self) -> Option<&mut StereoRig> {
+        self.cameras.as_mut()
+    }
+
+    /// What chance gave this run, such as the length of its straight pre-insertion.
+    pub const fn draw(&self) -> &Draw {
+        &self.draw
+    }
+
+    /// The hidden truth at the last exposure.
+    pub fn truth(&self) -> &Truth {
+        self.plant.truth()
+    }
+
+    /// The bench's clock.
+    pub const fn now(&self) -> Stamp {
+        self.now
+    }
+
+    /// Moves the bench to `now`, the nominal base reaching `world_from_base` (by the arm's true
+    /// joints) there on a straight screw. Times that run backwards change nothing; `events` of
+    /// the truth are those of the last exposure.
+    pub fn advance_to(&mut self, now: Stamp, world_from_base: &Transform<World, NeedleBase>) {
+        if now < self.now {
+            return;
+        }
+        let start = self.now;
+        let from = *self.nominal.isometry();
+        let to = world_from_base.isometry();
+        let screw = (from.rotation.inverse() * to.rotation).scaled_axis();
+        let span = now.secs_since(start);
+        let at = |stamp: Stamp| -> Transform<World, NeedleBase> {
+            if stamp >= now {
+                return *world_from_base;
+            }
+            let share = stamp.secs_since(start) / span;
+            let vector = from.translation.vector;
+            Transform::assume(Isometry3::from_parts(
+                vector.lerp(&to.translation.vector, share).into(),
+                from.rotation * UnitQuaternion::from_scaled_axis(screw * share),
+            ))
+        };
+        let mut reached = start;
+        loop {
+            let due = self.next_exposure();
+            if due > now {
+                break;
+            }
+            self.robot.follow(&at(due), due.secs_since(reached));
+            reached = due;
+            self.robot.yield_to(&self.plant.truth().base_wrench);
+            self.plant.advance(&self.robot.true_pose(), due);
+            self.now = due;
+            self.expose();
+        }
+        self.robot.follow(world_from_base, now.secs_since(reached));
+        self.nominal = *world_from_base;
+        self.now = now;
+        if let Some(cameras) = &mut self.cameras {
+            cameras.advance_to(now);
+        }
+    }
+
+    fn next_exposure(&self) -> Stamp {
+        let sensor = self.sensor.next_exposure();
+        match &self.cameras {
+            Some(cameras) => sensor.min(cameras.next_exposure()),
+            None => sensor,
+        }
+    }
+
+    /// Every sensor that is due at the present time looks at the needle.
+    fn expose(&mut self) {
+        let view = &self.plant.truth().needle;
+        while self.sensor.next_exposure() <= self.now {
+            self.sensor.expose(view);
+        }
+        if let Some(cameras) = &mut self.cameras {
+            while cameras.next_exposure() <= self.now {
+                cameras.expose(view);
+            }
+        }
+    }
+}
+
+impl ShapeSensor for Bench {
+    fn poll(&mut self) -> Result<Option<SensedShape>, hal::Error> {
+        Ok(self.sensor.poll(self.now))
+    }
+}
+
+impl StereoCamera for Bench {
+    fn poll(&mut self) -> Result<Option<StereoFrame>, hal::Error> {
+        match &mut self.cameras {
+            Some(cameras) => cameras.poll(),
+            None => Ok(None),
+        }
+    }
+}

@@ -1,0 +1,10 @@
+//! The phantom's own acceptance: its physics against closed forms and invariants.
+
+mod authority;
+mod energy;
+mod events;
+mod invariance;
+mod population;
+mod steering;
+mod support;
+mod tissue;
