@@ -155,3 +155,29 @@ pub trait Arm: Send {
     /// The cause is still there.
     fn reset(&mut self) -> Result<(), Error>;
 }
+
+impl<A: Arm + ?Sized> Arm for Box<A> {
+    fn description(&self) -> &ArmDescription {
+        (**self).description()
+    }
+
+    fn state(&mut self) -> Result<ArmState, Error> {
+        (**self).state()
+    }
+
+    fn enable(&mut self) -> Result<(), Error> {
+        (**self).enable()
+    }
+
+    fn command(&mut self, command: &RateCommand) -> Result<(), Error> {
+        (**self).command(command)
+    }
+
+    fn stop(&mut self) -> Result<(), Error> {
+        (**self).stop()
+    }
+
+    fn reset(&mut self) -> Result<(), Error> {
+        (**self).reset()
+    }
+}

@@ -32,6 +32,8 @@ impl Config {
     pub fn validate(&self) -> Result<(), Invalid> {
         self.validate_run()?;
         self.validate_needle()?;
+        self.validate_law()?;
+        self.validate_arm()?;
         self.validate_limits()
     }
 
@@ -94,6 +96,32 @@ impl Config {
             e.problem = format!("expected a unit vector, found one of length {norm}");
             e
         })
+    }
+
+    fn validate_law(&self) -> Result<(), Invalid> {
+        hybrid_control::law_by_name(&self.run.law, &self.law).map_err(|e| Invalid {
+            key: match &e {
+                hybrid_control::LawError::BadSetting { key, .. } => format!("law.{key}"),
+                hybrid_control::LawError::UnknownLaw { .. } => "run.law".into(),
+            },
+            problem: e.to_string(),
+        })?;
+        let phantom = phantom::Settings::preset(&self.run.phantom)
+            .map_err(|e| Invalid { key: "run.phantom".into(), problem: e.to_string() })?;
+        phantom
+            .overridden(self.phantom.clone())
+            .map_err(|e| Invalid { key: "phantom".into(), problem: e.to_string() })?;
+        Ok(())
+    }
+
+    fn validate_arm(&self) -> Result<(), Invalid> {
+        for value in self.arm.base_mm {
+            within("arm.base_mm", value, -5000.0, 5000.0)?;
+        }
+        for value in self.arm.base_rpy_deg {
+            within("arm.base_rpy_deg", value, -360.0, 360.0)?;
+        }
+        Ok(())
     }
 
     fn validate_limits(&self) -> Result<(), Invalid> {

@@ -5,6 +5,7 @@
 mod check;
 mod load;
 
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 pub use load::{ConfigError, Origin, load, parse};
@@ -37,6 +38,40 @@ pub struct Config {
     pub supervisor: Supervisor,
     /// The arm.
     pub arm: Arm,
+    /// Limits that every law keeps.
+    pub limits: hybrid_control::Limits,
+    /// The estimator of path, bevel, disturbance and stiffness.
+    pub estimator: hybrid_control::EstimatorSettings,
+    /// The laws.
+    pub law: hybrid_control::LawSettings,
+    /// Changes to the phantom's preset: tables and keys as the preset has them.
+    pub phantom: toml::Table,
+}
+
+impl Config {
+    /// Nominal entry point in World \[m\].
+    pub fn entry(&self) -> Point3<f64> {
+        Point3::from(Vector3::from(self.tissue.entry_mm) * 1e-3)
+    }
+
+    /// Direction into the tissue, in World.
+    pub fn inward(&self) -> Unit<Vector3<f64>> {
+        Unit::new_normalize(Vector3::from(self.tissue.inward))
+    }
+
+    /// Pose at the nominal entry: z into the tissue, x as near to World's x as can be.
+    pub fn world_from_entry(&self) -> Isometry3<f64> {
+        let z = self.inward().into_inner();
+        let towards = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+        let x = (towards - z * z.dot(&towards)).normalize();
+        let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
+        Isometry3::from_parts(self.entry().coords.into(), rotation.into())
+    }
+
+    /// Start pose of the needle's base: straight in front of the entry, tip on the surface.
+    pub fn world_from_start_base(&self) -> Isometry3<f64> {
+        self.world_from_entry() * Isometry3::translation(0.0, 0.0, -self.needle.length_mm * 1e-3)
+    }
 }
 
 /// Which arm executes the commands.
@@ -167,8 +202,6 @@ impl Default for Needle {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tissue {
-    /// Stiffness per length K_T \[N/m2\]; the paper starts with 10 000.
-    pub stiffness_n_per_m2: f64,
     /// Distance between springs \[mm\].
     pub spring_spacing_mm: f64,
     /// Entry point on the surface, in World \[mm\].
@@ -180,7 +213,6 @@ pub struct Tissue {
 impl Default for Tissue {
     fn default() -> Self {
         Self {
-            stiffness_n_per_m2: 10_000.0,
             spring_spacing_mm: 2.5,
             entry_mm: [400.0, 0.0, 250.0],
             inward: [0.0, 0.0, -1.0],
@@ -227,6 +259,10 @@ pub struct Arm {
     pub urdf: String,
     /// Link that carries the needle: origin at the needle's base, z along the needle.
     pub tip_link: String,
+    /// Place of the arm's base in World \[mm\].
+    pub base_mm: [f64; 3],
+    /// Orientation of the arm's base in World: roll, pitch, yaw \[deg\].
+    pub base_rpy_deg: [f64; 3],
 }
 
 #[cfg(test)]

@@ -1,0 +1,349 @@
+//! One step of control: from measurements to joint rates. Read this file first.
+//!
+//! [`Cycle::step`] is the data flow in order, one line a stage. It is a function of the cycle's
+//! state and the [`Snapshot`]: no I/O, no clock.
+
+use hal::frame::{ArmBase, LeftCamera, World};
+use hal::telemetry::{ModelReport, Phase, SteeringMode, Telemetry, Tracking};
+use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, Transform, Twist};
+use hybrid_control::view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
+use hybrid_control::{
+    Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, lateral_error,
+    law_by_name, target_ahead,
+};
+use nalgebra::{Isometry3, Point3, Vector3};
+use robots::kinematics::{Chain, RateSettings, TurnBudget};
+
+use crate::config::Config;
+use crate::odometry::Odometry;
+use crate::springs::{self, SpringsError, SpringsModel};
+
+/// Poses kept: more than a second at any arm's rate.
+const ODOMETRY: usize = 256;
+/// Travel of the last joint that no law may use \[rad\].
+const TURN_MARGIN: f64 = 0.02;
+
+/// Everything a step reads.
+#[derive(Clone, Copy, Debug)]
+pub struct Snapshot<'a> {
+    /// The present time.
+    pub now: Stamp,
+    /// Time for which the step's rates will act \[s\].
+    pub dt: f64,
+    /// Newest encoder reading.
+    pub arm: &'a ArmState,
+    /// A new measurement of the needle, if one arrived.
+    pub shape: Option<&'a SensedShape>,
+    /// What the run is doing.
+    pub phase: Phase,
+}
+
+/// Where things stand, as calibration and registration know it.
+#[derive(Clone, Debug)]
+pub struct Bearings {
+    /// The arm's chain from its base to the needle's base.
+    pub chain: Chain,
+    /// Place of the arm.
+    pub world_from_arm_base: Transform<World, ArmBase>,
+    /// Registration of the stereo frame.
+    pub world_from_left_camera: Transform<World, LeftCamera>,
+}
+
+/// A configuration that makes no cycle.
+#[derive(Debug, thiserror::Error)]
+pub enum CycleError {
+    /// The law.
+    #[error(transparent)]
+    Law(#[from] LawError),
+    /// The springs model.
+    #[error(transparent)]
+    Springs(#[from] SpringsError),
+    /// The estimator.
+    #[error(transparent)]
+    Estimator(#[from] EstimatorError),
+}
+
+/// The controller.
+pub struct Cycle {
+    bearings: Bearings,
+    limits: Limits,
+    rates: RateSettings,
+    insertion_speed: f64,
+    entry: Entry,
+    odometry: Odometry,
+    estimator: Estimator,
+    springs: SpringsModel,
+    straight: Box<dyn Law>,
+    law: Box<dyn Law>,
+    target: Option<Position<LeftCamera>>,
+    shaft: Vec<(Point3<f64>, f64)>,
+    telemetry: Telemetry,
+}
+
+impl Cycle {
+    /// A controller for `config`, with the arm where `state` says and the tip at the surface.
+    ///
+    /// # Errors
+    /// See [`CycleError`].
+    pub fn new(config: &Config, bearings: Bearings, state: &ArmState) -> Result<Self, CycleError> {
+        let world_from_base = base_pose(&bearings, state);
+        let inward = config.inward();
+        let entry = Entry { point: entry_point(config, &world_from_base), inward };
+        let needle = springs::needle(config).map_err(SpringsError::Needle)?;
+        let start = Start {
+            length: needle.length(),
+            bending_stiffness: needle.bending_stiffness(),
+            entry,
+            world_from_base,
+        };
+        let mut estimator = Estimator::new(&config.estimator, &start)?;
+        let tip = estimator.predict(state.stamp, &world_from_base);
+        Ok(Self {
+            limits: config.limits.clone(),
+            rates: RateSettings::default(),
+            insertion_speed: config.run.insertion_speed_mm_s * 1e-3,
+            entry,
+            odometry: Odometry::new(ODOMETRY),
+            estimator,
+            springs: SpringsModel::new(config, &world_from_base)?,
+            straight: law_by_name("none", &config.law)?,
+            law: law_by_name(&config.run.law, &config.law)?,
+            target: None,
+            shaft: Vec::with_capacity(128),
+            telemetry: first_telemetry(state, &world_from_base, &tip.world_from_tip),
+            bearings,
+        })
+    }
+
+    /// Sets the target, in the stereo frame.
+    pub fn set_target(&mut self, target: Position<LeftCamera>) {
+        self.target = Some(target);
+    }
+
+    /// The newest telemetry.
+    pub fn telemetry(&self) -> &Telemetry {
+        &self.telemetry
+    }
+
+    /// The newest telemetry, for what joins it behind the cycle: truth, limits of the arm.
+    pub fn telemetry_mut(&mut self) -> &mut Telemetry {
+        &mut self.telemetry
+    }
+
+    /// The estimator, for checks before the start.
+    pub fn estimator(&self) -> &Estimator {
+        &self.estimator
+    }
+
+    /// The limits of the laws.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// One step; the answer's `joint_rates` are the command.
+    pub fn step(&mut self, snapshot: &Snapshot<'_>) -> &Telemetry {
+        let base = self.base(snapshot.arm);
+        let measured = snapshot.shape.map(|shape| self.measure(shape));
+        let tip = self.estimator.predict(snapshot.now, &base);
+        let springs = self.model(&base, &tip);
+        let target = self.target_in_world(&tip);
+        let decision = self.decide(snapshot, &base, &tip, springs, target);
+        let rates = self.joint_rates(snapshot.arm, &decision.twist);
+        self.report(snapshot, &base, &tip, target, measured, decision, rates);
+        &self.telemetry
+    }
+
+    /// Base pose from the encoders, kept for the measurements to come.
+    fn base(&mut self, arm: &ArmState) -> Isometry3<f64> {
+        let base = base_pose(&self.bearings, arm);
+        self.odometry.push(arm.stamp, base);
+        base
+    }
+
+    /// Takes a measurement in, with the base pose of its own instant.
+    fn measure(&mut self, shape: &SensedShape) -> SensedTip {
+        let world_from_camera = &self.bearings.world_from_left_camera;
+        self.shaft.clear();
+        self.shaft.extend(
+            shape.points.iter().map(|p| (*(*world_from_camera * p.position).point(), p.sigma)),
+        );
+        if let Some(world_from_base) = self.odometry.at(shape.stamp) {
+            let variance = shape.tip.covariance.trace() / 3.0;
+            let health = self.estimator.observe(&Observation {
+                stamp: shape.stamp,
+                world_from_base,
+                position: *(*world_from_camera * shape.tip.position).point(),
+                position_sigma: variance.sqrt(),
+                direction: world_from_camera.rotate_direction(&shape.tip.direction),
+                direction_sigma: shape.tip.direction_sigma,
+                shaft: &self.shaft,
+            });
+            self.telemetry.tracking = match health {
+                Health::Used => Tracking::Tracked,
+                Health::Stale | Health::Rejected => Tracking::Predicted,
+            };
+        }
+        self.telemetry.image_stamp = Some(shape.stamp);
+        shape.tip
+    }
+
+    /// Springs model at the present base, its springs born at the filtered tip.
+    fn model(&mut self, base: &Isometry3<f64>, tip: &Tip) -> Option<Springs> {
+        let measured = tip.age.is_finite().then(|| tip.world_from_tip.translation.vector);
+        let (stiffness, sigma) = self.estimator.stiffness();
+        self.telemetry.model.stiffness = stiffness;
+        self.telemetry.model.stiffness_sigma = sigma;
+        let springs = self.springs.update(base, measured, stiffness).ok();
+        self.springs.report(&mut self.telemetry.model);
+        springs
+    }
+
+    fn target_in_world(&self, tip: &Tip) -> Target {
+        let position = match self.target {
+            Some(target) => *(self.bearings.world_from_left_camera * target).point(),
+            // None set yet: far ahead on the tip axis.
+            None => Point3::from(tip.world_from_tip.translation.vector + tip.axis()),
+        };
+        Target { position, velocity: Vector3::zeros() }
+    }
+
+    fn decide(
+        &mut self,
+        snapshot: &Snapshot<'_>,
+        base: &Isometry3<f64>,
+        tip: &Tip,
+        springs: Option<Springs>,
+        target: Target,
+    ) -> Decision {
+        let view = View {
+            time: snapshot.now,
+            dt: snapshot.dt,
+            tip: *tip,
+            target,
+            entry: self.entry,
+            depth: self.estimator.depth().max(0.0),
+            world_from_base: *base,
+            springs,
+            estimator: &self.estimator,
+            roll_travel: self.roll_travel(snapshot.arm),
+            limits: &self.limits,
+            insertion_speed: self.insertion_speed,
+        };
+        match snapshot.phase {
+            Phase::PreInsertion => self.straight.decide(&view),
+            Phase::Steering => self.law.decide(&view),
+            _ => Decision::hold(),
+        }
+    }
+
+    /// Travel of the last joint, in the senses of the needle's z.
+    fn roll_travel(&self, arm: &ArmState) -> RollTravel {
+        let (Some(q), Some(limit)) = (arm.positions.last(), self.bearings.chain.limits().last())
+        else {
+            return RollTravel { positive: 0.0, negative: 0.0 };
+        };
+        let left = TurnBudget::new(limit, TURN_MARGIN).remaining(*q);
+        RollTravel { positive: left.positive, negative: left.negative }
+    }
+
+    fn joint_rates(&self, arm: &ArmState, twist: &Twist) -> robots::kinematics::TwistRates {
+        let arm_base_from_world = self.bearings.world_from_arm_base.inverse();
+        let in_arm_base = Twist {
+            linear: arm_base_from_world.rotate(&twist.linear),
+            angular: arm_base_from_world.rotate(&twist.angular),
+        };
+        self.bearings.chain.rates(&arm.positions, &in_arm_base, &self.rates)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "one for each stage of the step")]
+    fn report(
+        &mut self,
+        snapshot: &Snapshot<'_>,
+        base: &Isometry3<f64>,
+        tip: &Tip,
+        target: Target,
+        measured: Option<SensedTip>,
+        decision: Decision,
+        rates: robots::kinematics::TwistRates,
+    ) {
+        let t = &mut self.telemetry;
+        t.step += 1;
+        t.stamp = snapshot.now;
+        t.phase = snapshot.phase;
+        t.arm_mode = snapshot.arm.mode;
+        t.joints = snapshot.arm.positions;
+        t.joint_rates = rates.rates;
+        t.world_from_base = Transform::assume(*base);
+        t.world_from_tip = Transform::assume(tip.world_from_tip);
+        t.base_twist = decision.twist;
+        if measured.is_some() {
+            t.measured_tip = measured;
+        } else if t.tracking == Tracking::Tracked {
+            t.tracking = Tracking::Predicted;
+        }
+        if let Some(target) = self.target {
+            t.target = target;
+        }
+        t.lateral_error = lateral_error(&tip.world_from_tip, &target.position);
+        t.axial_distance = target_ahead(&tip.world_from_tip, &target.position);
+        t.depth = self.estimator.depth().max(0.0);
+        t.law = decision.report;
+        t.law.limits.extend(rates.limits);
+        t.truth = None;
+    }
+}
+
+impl core::fmt::Debug for Cycle {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Cycle")
+            .field("law", &self.law.name())
+            .field("step", &self.telemetry.step)
+            .finish_non_exhaustive()
+    }
+}
+
+/// World pose of the needle's base at an encoder reading.
+pub fn base_pose(bearings: &Bearings, state: &ArmState) -> Isometry3<f64> {
+    bearings.world_from_arm_base.isometry() * bearings.chain.forward(&state.positions)
+}
+
+/// Where the needle's axis meets the surface.
+fn entry_point(config: &Config, world_from_base: &Isometry3<f64>) -> Point3<f64> {
+    let (surface, inward) = (config.entry(), config.inward());
+    let axis = world_from_base.rotation * Vector3::z();
+    let origin = Point3::from(world_from_base.translation.vector);
+    let slope = axis.dot(&inward);
+    if slope < 0.1 {
+        return surface;
+    }
+    origin + axis * ((surface - origin).dot(&inward) / slope)
+}
+
+/// Telemetry before the first step.
+fn first_telemetry(
+    state: &ArmState,
+    world_from_base: &Isometry3<f64>,
+    world_from_tip: &Isometry3<f64>,
+) -> Telemetry {
+    Telemetry {
+        step: 0,
+        stamp: state.stamp,
+        image_stamp: None,
+        phase: Phase::Idle,
+        tracking: Tracking::None,
+        arm_mode: state.mode,
+        joints: state.positions,
+        joint_rates: state.positions.zeroed(),
+        world_from_base: Transform::assume(*world_from_base),
+        world_from_tip: Transform::assume(*world_from_tip),
+        base_twist: Twist::zero(),
+        measured_tip: None,
+        target: Position::new(Point3::origin()),
+        lateral_error: f64::NAN,
+        axial_distance: f64::NAN,
+        depth: 0.0,
+        law: hal::telemetry::LawReport { mode: SteeringMode::Hold, ..Default::default() },
+        model: ModelReport::default(),
+        truth: None,
+    }
+}

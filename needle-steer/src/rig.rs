@@ -1,0 +1,187 @@
+//! From a configuration to devices: clock, arm, sensor, and the world behind them.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use hal::frame::{ArmBase, LeftCamera, World};
+use hal::guarded::{Guard, GuardError, Guarded, Limiter, SpeedCaps};
+use hal::{Arm, Clock, Recorded, ShapeSensor, Transform};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use phantom::camera::{CameraSettings, RigError, StereoRig};
+use phantom::{Bench, SettingsError, bench::Setup};
+use robots::arms;
+use robots::kinematics::{Chain, Turns, UrdfError};
+use robots::sim::{SimError, SimSettings, SimulatedArm};
+
+use crate::clock::LockstepClock;
+use crate::config::Config;
+use crate::cycle::Bearings;
+use crate::world::SimulatedWorld;
+
+/// Ticks of the simulated world.
+const TICK: Duration = Duration::from_millis(4);
+/// Distance that guarded joints keep from their limits \[rad\].
+const JOINT_MARGIN: f64 = 8.727e-3;
+/// Events kept for the fault report.
+const EVENTS: usize = 256;
+
+/// A configuration that makes no rig.
+#[derive(Debug, thiserror::Error)]
+pub enum RigBuildError {
+    /// The URDF file cannot be read.
+    #[error("{}: cannot be read: {source}", file.display())]
+    UrdfFile {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The URDF gives no chain.
+    #[error("URDF: {0}")]
+    Urdf(#[from] UrdfError),
+    /// The arm cannot hold the needle at its start.
+    #[error("the arm cannot reach the start pose of the needle's base at {position_mm:?} mm")]
+    StartUnreachable {
+        /// The start \[mm\].
+        position_mm: [f64; 3],
+    },
+    /// The phantom's settings.
+    #[error("phantom: {0}")]
+    Phantom(#[from] SettingsError),
+    /// The cameras' settings.
+    #[error("cameras: {0}")]
+    Cameras(#[from] RigError),
+    /// The simulated arm's settings.
+    #[error("simulated arm: {0}")]
+    Sim(#[from] SimError),
+    /// The guard's limits.
+    #[error("guard: {0}")]
+    Guard(#[from] GuardError),
+    /// A device.
+    #[error(transparent)]
+    Device(#[from] hal::Error),
+}
+
+/// The devices of one run.
+pub struct Rig {
+    /// The run's clock.
+    pub clock: Box<dyn Clock>,
+    /// The arm, guarded and recorded.
+    pub arm: Recorded<Guarded<Box<dyn Arm>>>,
+    /// What sees the needle.
+    pub sensor: Box<dyn ShapeSensor>,
+    /// Geometry as calibration and registration know it.
+    pub bearings: Bearings,
+    /// The simulated world, where there is one.
+    pub world: Option<SimulatedWorld>,
+}
+
+impl Rig {
+    /// Builds what `config` asks for.
+    ///
+    /// # Errors
+    /// See [`RigBuildError`].
+    pub fn new(config: &Config) -> Result<Self, RigBuildError> {
+        let chain = chain(config)?;
+        let world_from_arm_base = arm_place(config);
+        let start = config.world_from_start_base();
+        let in_arm_base = world_from_arm_base.isometry().inverse() * start;
+        let joints = start_joints(&chain, &in_arm_base).ok_or_else(|| {
+            let p = start.translation.vector * 1e3;
+            RigBuildError::StartUnreachable { position_mm: [p.x, p.y, p.z] }
+        })?;
+
+        let settings = phantom::Settings::preset(&config.run.phantom)?
+            .overridden(config.phantom.clone())?;
+        let world_from_entry = config.world_from_entry();
+        let cameras = StereoRig::new(&CameraSettings::default(), &world_from_entry, config.run.seed)?;
+        let left_from_world = cameras.truth().left_from_world;
+        let bench = Bench::new(
+            &settings,
+            &Setup {
+                world_from_phantom: world_from_entry,
+                world_from_base: Transform::assume(start),
+                left_from_world,
+                seed: config.run.seed,
+            },
+        )?;
+
+        let arm = SimulatedArm::new(&chain, &joints, SimSettings::default())?;
+        let driver: Box<dyn Arm> = Box::new(arm.driver());
+        let period = driver.description().period;
+        let world =
+            SimulatedWorld::new(Box::new(arm), chain.clone(), world_from_arm_base, bench);
+        let moved = world.clone();
+        let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
+        let guard = Guard::new(limiter).with_tool(
+            Box::new(chain.clone()),
+            None,
+            SpeedCaps::INSERTING,
+        );
+        Ok(Self {
+            clock: Box::new(LockstepClock::new(TICK, move |now| moved.advance_to(now))),
+            arm: Recorded::new(Guarded::new(driver, guard)?, EVENTS),
+            sensor: Box::new(world.shape_sensor()),
+            bearings: Bearings {
+                chain,
+                world_from_arm_base,
+                world_from_left_camera: left_from_world.inverse(),
+            },
+            world: Some(world),
+        })
+    }
+
+    /// The stereo frame as registered.
+    pub fn left_from_world(&self) -> Transform<LeftCamera, World> {
+        self.bearings.world_from_left_camera.inverse()
+    }
+}
+
+impl core::fmt::Debug for Rig {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Rig").field("bearings", &self.bearings).finish_non_exhaustive()
+    }
+}
+
+/// The arm's chain to the needle's base.
+///
+/// # Errors
+/// The URDF file cannot be read or gives no chain.
+pub fn chain(config: &Config) -> Result<Chain, RigBuildError> {
+    let link = if config.arm.tip_link.is_empty() {
+        arms::NEEDLE_BASE
+    } else {
+        config.arm.tip_link.as_str()
+    };
+    if config.arm.urdf.is_empty() {
+        return Ok(Chain::from_urdf(arms::VIPER_S650, link)?);
+    }
+    let file = PathBuf::from(&config.arm.urdf);
+    let xml = std::fs::read_to_string(&file)
+        .map_err(|source| RigBuildError::UrdfFile { file, source })?;
+    Ok(Chain::from_urdf(&xml, link)?)
+}
+
+fn arm_place(config: &Config) -> Transform<World, ArmBase> {
+    let [x, y, z] = config.arm.base_mm.map(|v| v * 1e-3);
+    let [roll, pitch, yaw] = config.arm.base_rpy_deg.map(f64::to_radians);
+    Transform::assume(Isometry3::from_parts(
+        Translation3::new(x, y, z),
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+    ))
+}
+
+/// The branch farthest from singularities, its last joint turned least, so that the needle can
+/// spin in both senses.
+fn start_joints(chain: &Chain, base_from_tip: &Isometry3<f64>) -> Option<hal::Joints> {
+    /// Reach over which the Jacobian's rows are compared \[m\].
+    const LENGTH: f64 = 0.1;
+    let merit = |q: &hal::Joints| {
+        let turned = q.last().map_or(0.0, |last| last.abs());
+        chain.dexterity(q, LENGTH) - 0.1 * turned
+    };
+    chain
+        .inverse(base_from_tip, Turns::One)
+        .into_iter()
+        .max_by(|a, b| merit(a).total_cmp(&merit(b)))
+}

@@ -1,0 +1,142 @@
+//! The springs model as the cycle uses it: moved by odometry, fed with measured tips, scaled by
+//! the estimated stiffness.
+
+use hal::telemetry::ModelReport;
+use hybrid_control::view::Springs;
+use nalgebra::{Isometry3, RowVector6, Vector3};
+use needle_model::{
+    Bevel, BevelError, Insertion, InsertionError, InsertionSettings, Needle, NeedleError,
+    Sensitivities, Tissue, TissueError,
+};
+
+use crate::config::Config;
+
+/// Distance of the model's start from the surface \[m\]: where the needle rests against it, its
+/// encoders may place the tip just inside.
+const CLEARANCE: f64 = 1e-3;
+/// Relative change of the stiffness below which the model is left alone.
+const SMALL_CHANGE: f64 = 1e-3;
+
+/// A needle, tissue or bevel of the configuration that the model refuses.
+#[derive(Debug, thiserror::Error)]
+pub enum SpringsError {
+    /// The needle.
+    #[error(transparent)]
+    Needle(#[from] NeedleError),
+    /// The bevel.
+    #[error(transparent)]
+    Bevel(#[from] BevelError),
+    /// The tissue.
+    #[error(transparent)]
+    Tissue(#[from] TissueError),
+    /// The start.
+    #[error(transparent)]
+    Insertion(#[from] InsertionError),
+}
+
+/// The needle of the configuration.
+///
+/// # Errors
+/// Its dimensions make no needle.
+pub fn needle(config: &Config) -> Result<Needle, NeedleError> {
+    let n = &config.needle;
+    Needle::new(
+        n.length_mm * 1e-3,
+        n.outer_diameter_mm * 1e-3,
+        n.inner_diameter_mm * 1e-3,
+        n.young_modulus_gpa * 1e9,
+    )
+}
+
+/// The controller's springs model.
+#[derive(Debug)]
+pub struct SpringsModel {
+    insertion: Insertion,
+    sensitivities: Sensitivities,
+    stiffness: f64,
+}
+
+impl SpringsModel {
+    /// The straight needle at `world_from_base`, its tip at the surface.
+    ///
+    /// # Errors
+    /// The model refuses the configuration or the start.
+    pub fn new(config: &Config, world_from_base: &Isometry3<f64>) -> Result<Self, SpringsError> {
+        let outside = world_from_base * Isometry3::translation(0.0, 0.0, -CLEARANCE);
+        let stiffness = config.tissue.stiffness_n_per_m2;
+        let insertion = Insertion::new(
+            needle(config)?,
+            Bevel::plane_cut(
+                config.needle.bevel_deg.to_radians(),
+                config.needle.outer_diameter_mm * 1e-3,
+            )?,
+            Tissue::uniform(config.entry().coords, config.inward().into_inner(), stiffness)?,
+            InsertionSettings {
+                pitch: config.tissue.spring_spacing_mm * 1e-3,
+                ..InsertionSettings::default()
+            },
+            &outside,
+        )?;
+        Ok(Self { insertion, sensitivities: Sensitivities::default(), stiffness })
+    }
+
+    /// Moves the model to the present: base by odometry, tip by measurement, stiffness by
+    /// estimation; answers the converged state with its derivatives.
+    ///
+    /// # Errors
+    /// No equilibrium; the model stays where it was.
+    pub fn update(
+        &mut self,
+        world_from_base: &Isometry3<f64>,
+        measured_tip: Option<Vector3<f64>>,
+        stiffness: f64,
+    ) -> Result<Springs, SpringsError> {
+        let factor = stiffness / self.stiffness;
+        if factor.is_finite() && factor > 0.0 && (factor - 1.0).abs() > SMALL_CHANGE {
+            self.insertion.rescale(factor, 1.0)?;
+            self.stiffness = stiffness;
+        }
+        self.insertion.insert(world_from_base, measured_tip)?;
+        let needle = self.insertion.equilibrium_mut();
+        needle.sensitivities(&mut self.sensitivities).map_err(|_| {
+            SpringsError::Insertion(InsertionError::Event { gap_m: f64::NAN })
+        })?;
+        let gradient = self.sensitivities.mean_stretch(needle);
+        Ok(Springs {
+            world_from_tip: needle.world_from_tip(),
+            j_tip_base: self.sensitivities.tip_jacobian(),
+            mean_stretch: needle.mean_stretch(),
+            j_mean_stretch: RowVector6::from_iterator(gradient.iter().take(6).copied()),
+            entry_stretch: needle.entry_stretch().norm(),
+            entry_force: needle.entry_force().norm(),
+        })
+    }
+
+    /// Length of needle in the tissue \[m\].
+    pub fn depth(&self) -> f64 {
+        self.insertion.equilibrium().inserted_length()
+    }
+
+    /// Fills the model's part of the telemetry.
+    pub fn report(&self, report: &mut ModelReport) {
+        let needle = self.insertion.equilibrium();
+        report.shape.clear();
+        for segment in needle.segments() {
+            let pieces = (segment.length / 4e-3).ceil().max(1.0);
+            let mut piece = 0.0;
+            while piece < pieces {
+                report.shape.push(segment.position(segment.length * piece / pieces));
+                piece += 1.0;
+            }
+        }
+        report.shape.push(needle.tip_position());
+        report.spring_points.clear();
+        report.spring_points.extend(needle.spring_points().map(|(point, _)| point));
+        report.rest_points.clear();
+        report.rest_points.extend(needle.springs().iter().map(|spring| spring.rest));
+        report.mean_stretch = needle.mean_stretch();
+        report.max_stretch = needle.max_stretch();
+        report.entry_stretch = needle.entry_stretch().norm();
+        report.entry_force = needle.entry_force().norm();
+    }
+}
