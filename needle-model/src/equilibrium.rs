@@ -342,7 +342,12 @@ impl Equilibrium {
         let last = self.nodes[self.springs.len()];
         let d = last.d + self.tip.y * self.tip.turn;
         let l = self.tip_length;
-        let mut node = Node { p: self.tip_position(), d, l, ..base };
+        let mut node = Node {
+            p: self.tip_position(),
+            d,
+            l,
+            ..base
+        };
         node.refresh(&base.d, &base.e[0], &spring.rest);
         self.nodes.push(node);
         self.springs.push(spring);

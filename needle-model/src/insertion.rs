@@ -47,7 +47,12 @@ pub struct InsertionSettings {
 impl Default for InsertionSettings {
     /// The paper's 2.5 mm; chord of 10 mm (assumed: the paper does not define the cut angle).
     fn default() -> Self {
-        Self { pitch: 2.5e-3, rest_point: RestPoint::Measured, chord: 10e-3, load_scale: 1.0 }
+        Self {
+            pitch: 2.5e-3,
+            rest_point: RestPoint::Measured,
+            chord: 10e-3,
+            load_scale: 1.0,
+        }
     }
 }
 
@@ -124,10 +129,16 @@ impl Law {
             return;
         }
         self.gaps.clear();
-        self.gaps.extend(needle.nodes[2..].iter().map(|node| node.l));
+        self.gaps
+            .extend(needle.nodes[2..].iter().map(|node| node.l));
         self.supported.resize(n, 0.0);
         let tip_gap = needle.tip_length.max(0.0);
-        supported_lengths(&self.gaps, tip_gap, self.settings.pitch, &mut self.supported);
+        supported_lengths(
+            &self.gaps,
+            tip_gap,
+            self.settings.pitch,
+            &mut self.supported,
+        );
         for (spring, length) in needle.springs.iter_mut().zip(&self.supported) {
             let k_t = self.tissue.stiffness_at(self.tissue.depth(&spring.rest));
             spring.stiffness = spring_stiffness(k_t, *length);
@@ -147,7 +158,10 @@ impl Law {
                 bending: (more.bending - less.bending) / (2.0 * h),
             };
             let twist = needle.tip_response(change);
-            let (v, w) = (twist.fixed_rows::<3>(0), twist.fixed_rows::<3>(3).into_owned());
+            let (v, w) = (
+                twist.fixed_rows::<3>(0),
+                twist.fixed_rows::<3>(3).into_owned(),
+            );
             let response = y.dot(&w.cross(&axis)) - y.dot(&v) / self.settings.chord;
             self.response = response.min(0.0);
         }
@@ -213,7 +227,10 @@ impl Insertion {
         }
         if !(settings.load_scale.is_finite() && settings.load_scale >= 0.0) {
             let value = settings.load_scale;
-            return Err(InsertionError::Setting { name: "load_scale", value });
+            return Err(InsertionError::Setting {
+                name: "load_scale",
+                value,
+            });
         }
         if !finite(world_from_base) {
             return Err(InsertionError::BasePose);
@@ -235,7 +252,12 @@ impl Insertion {
             beta: 0.0,
             response: 0.0,
         };
-        Ok(Self { needle, law, hole: Vec::with_capacity(64), measured: None })
+        Ok(Self {
+            needle,
+            law,
+            hole: Vec::with_capacity(64),
+            measured: None,
+        })
     }
 
     /// Moves the base without cutting: no spring is born, the tip may slide in its hole.
@@ -280,7 +302,8 @@ impl Insertion {
         if result.is_err() {
             self.needle.set_base(&from);
             let law = &mut self.law;
-            self.needle.restart(|needle, round| law.update(needle, round))?;
+            self.needle
+                .restart(|needle, round| law.update(needle, round))?;
         }
         result
     }
@@ -295,7 +318,10 @@ impl Insertion {
         // Sub-steps short against the pitch, so that each holds few events.
         let travel = (target.translation.vector - from.translation.vector).norm();
         let turn = from.rotation.angle_to(&target.rotation);
-        let pieces = (travel / self.law.settings.pitch).max(turn / 0.05).ceil().max(1.0);
+        let pieces = (travel / self.law.settings.pitch)
+            .max(turn / 0.05)
+            .ceil()
+            .max(1.0);
         let mut done = 0.0;
         let mut piece = 1.0;
         while piece <= pieces {
@@ -319,7 +345,8 @@ impl Insertion {
                 Event::Birth => self.bear(measured, done),
             }
             let law = &mut self.law;
-            self.needle.converge(|needle, round| law.update(needle, round))?;
+            self.needle
+                .converge(|needle, round| law.update(needle, round))?;
         }
         if cutting && !self.needle.springs.is_empty() {
             self.law.cut = self.law.cut.max(self.needle.inserted_length());
@@ -334,10 +361,15 @@ impl Insertion {
         target: &Isometry3<f64>,
         fraction: f64,
     ) -> Result<Convergence, EquilibriumError> {
-        let base = if fraction >= 1.0 { *target } else { from.lerp_slerp(target, fraction) };
+        let base = if fraction >= 1.0 {
+            *target
+        } else {
+            from.lerp_slerp(target, fraction)
+        };
         self.needle.set_base(&base);
         let law = &mut self.law;
-        self.needle.converge(|needle, round| law.update(needle, round))
+        self.needle
+            .converge(|needle, round| law.update(needle, round))
     }
 
     /// The event the present state has passed, and by how much \[m\].
@@ -355,7 +387,11 @@ impl Insertion {
             Event::Behind => inside.then_some(-self.needle.tip_length),
             Event::Ahead => {
                 let next = self.hole.last()?;
-                Some(self.needle.tip_axis().dot(&(self.needle.tip_position() - next.rest)))
+                Some(
+                    self.needle
+                        .tip_axis()
+                        .dot(&(self.needle.tip_position() - next.rest)),
+                )
             }
             Event::Birth if !cutting || !self.hole.is_empty() => None,
             Event::Birth if inside => Some(self.needle.tip_length - self.law.settings.pitch),
@@ -383,7 +419,11 @@ impl Insertion {
         for trial in 0..EVENT_TRIALS {
             // Secant, with bisections now and then should the gap be far from linear.
             let secant = low.0 - low.1 * (high.0 - low.0) / (high.1 - low.1);
-            let middle = if trial % 4 == 3 { f64::midpoint(low.0, high.0) } else { secant };
+            let middle = if trial % 4 == 3 {
+                f64::midpoint(low.0, high.0)
+            } else {
+                secant
+            };
             self.settle(from, target, middle)?;
             gap_m = gap_of(self);
             if gap_m.abs() <= EVENT_TOLERANCE {
@@ -402,7 +442,9 @@ impl Insertion {
     fn bear(&mut self, measured: Option<Vector3<f64>>, fraction: f64) {
         let (tip, axis) = (self.needle.tip_position(), self.needle.tip_axis());
         if let Some(end) = measured {
-            let seen = self.measured.map_or(end, |start| start + (end - start) * fraction);
+            let seen = self
+                .measured
+                .map_or(end, |start| start + (end - start) * fraction);
             let aside = seen - tip;
             self.law.offset = aside - axis * axis.dot(&aside);
         }
@@ -410,7 +452,10 @@ impl Insertion {
             self.law.entry_axis = axis;
         }
         let rest = tip + self.law.offset(&self.needle);
-        self.needle.push_spring(Spring { rest, stiffness: 0.0 });
+        self.needle.push_spring(Spring {
+            rest,
+            stiffness: 0.0,
+        });
     }
 
     /// The needle in equilibrium.
@@ -452,10 +497,16 @@ impl Insertion {
         self.law.tissue.scale_stiffness(stiffness);
         self.law.settings.load_scale *= load;
         let law = &mut self.law;
-        Ok(self.needle.converge(|needle, round| law.update(needle, round))?)
+        Ok(self
+            .needle
+            .converge(|needle, round| law.update(needle, round))?)
     }
 }
 
 fn finite(pose: &Isometry3<f64>) -> bool {
-    pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|v| v.is_finite())
+    pose.translation
+        .vector
+        .iter()
+        .chain(pose.rotation.coords.iter())
+        .all(|v| v.is_finite())
 }

@@ -34,7 +34,10 @@ impl Direction {
         shift: Vector3::new(0.0, 0.0, 0.0),
         turn: Vector3::new(0.0, 0.0, 0.0),
         springs: 0.0,
-        load: TipLoad { force: 0.0, bending: 0.0 },
+        load: TipLoad {
+            force: 0.0,
+            bending: 0.0,
+        },
     };
 
     /// The six base twists \[v; w\], then the relative stiffness of all springs, then `load`.
@@ -103,11 +106,13 @@ impl Equilibrium {
         let z = self.nodes[0].d;
         let z_change = direction.turn.cross(&z);
         let y_change = self.y_explicit(direction);
-        let mut length = tip.arc_y.dot(&y_change) + tip.arc_load[0] * direction.load.force
+        let mut length = tip.arc_y.dot(&y_change)
+            + tip.arc_load[0] * direction.load.force
             + tip.arc_load[1] * direction.load.bending;
-        let mut roll =
-            tip.roll_y.dot(&y_change) + tip.roll_load[0] * direction.load.force
-            + tip.roll_load[1] * direction.load.bending + tip.roll_z.dot(&z_change);
+        let mut roll = tip.roll_y.dot(&y_change)
+            + tip.roll_load[0] * direction.load.force
+            + tip.roll_load[1] * direction.load.bending
+            + tip.roll_z.dot(&z_change);
         if n == 0 {
             length += (tip.arc_d + tip.y_d.tr_mul(&tip.arc_y)).dot(&z_change);
             roll += (tip.roll_d + tip.y_d.tr_mul(&tip.roll_y)).dot(&z_change);
@@ -129,8 +134,10 @@ impl Equilibrium {
         let (l, y) = (self.tip_length, tip.y);
         (
             self.nodes[1].project(&-force, &-moment),
-            self.nodes[n].project(&(y_change * self.load.force + y * load.force),
-                &(y_change * tip.moment + y * (load.bending + l * load.force))),
+            self.nodes[n].project(
+                &(y_change * self.load.force + y * load.force),
+                &(y_change * tip.moment + y * (load.bending + l * load.force)),
+            ),
             [-length, -roll],
         )
     }
@@ -156,9 +163,7 @@ impl Equilibrium {
             + (d + tip.y * tip.lift_l) * change.length
             + y * tip.lift
             + tip.y * lift;
-        let end = change.d
-            + y * tip.turn
-            + tip.y * (tip.turn_l * change.length + turn);
+        let end = change.d + y * tip.turn + tip.y * (tip.turn_l * change.length + turn);
         let axis = (end - tip.t * tip.t.dot(&end)) / tip.norm - direction.turn.cross(&tip.t);
         let spin = spin_row(&self.nodes[0].d, &tip.t).dot(&axis) + change.theta;
         let omega = direction.turn + tip.t.cross(&axis) + tip.t * spin;
@@ -180,18 +185,26 @@ impl Equilibrium {
         } else {
             self.nodes[n].expand(last)
         };
-        TipChange { p, d, length: border[0], theta: border[1] }
+        TipChange {
+            p,
+            d,
+            length: border[0],
+            theta: border[1],
+        }
     }
 
     /// Twist of the tip for a change of load, with the tangent as last factored.
     pub(crate) fn tip_response(&self, load: TipLoad) -> Vector6<f64> {
-        let direction = Direction { load, ..Direction::REST };
+        let direction = Direction {
+            load,
+            ..Direction::REST
+        };
         let (first, last, border) = self.explicit(&direction);
         let column = |v: [f64; 5]| v.map(|v| [v]);
         let (x, border) =
-            self.system.solve_ends(&column(first), &column(last), &border.map(|v| [v]));
-        let change =
-            self.tip_change(&direction, &x.map(|v| v[0]), [border[0][0], border[1][0]]);
+            self.system
+                .solve_ends(&column(first), &column(last), &border.map(|v| [v]));
+        let change = self.tip_change(&direction, &x.map(|v| v[0]), [border[0][0], border[1][0]]);
         self.tip_twist_of(&direction, &change)
     }
 

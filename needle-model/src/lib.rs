@@ -29,9 +29,12 @@ mod sensitivity;
 
 mod measures;
 
+mod case;
+
 mod insertion;
 
 pub use bevel::{Bevel, BevelError, BevelLoad, cut_angle};
+pub use case::{Case, CaseError, CaseShape};
 pub use equilibrium::{Convergence, Equilibrium, EquilibriumError};
 pub use insertion::{Insertion, InsertionError, InsertionSettings, RestPoint};
 pub use jacobian::{TangentError, jacobian_in_frames};

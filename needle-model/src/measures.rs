@@ -28,7 +28,11 @@ impl Equilibrium {
         let newborn = n > 1 && tip < self.nodes[n].l;
         let behind = if i > 0 { 0.5 } else { 0.0 };
         if i + 1 == n {
-            return if newborn { [(i, 0.0), (i, 0.0), (n, 1.5)] } else { [(i, behind), (i, 0.0), (n, 1.0)] };
+            return if newborn {
+                [(i, 0.0), (i, 0.0), (n, 1.5)]
+            } else {
+                [(i, behind), (i, 0.0), (n, 1.0)]
+            };
         }
         if i + 2 == n && newborn {
             return [(i, behind), (i + 1, 1.0), (n, -0.5)];
@@ -41,7 +45,10 @@ impl Equilibrium {
     }
 
     fn supported(&self, i: usize) -> f64 {
-        self.support(i).iter().map(|(k, weight)| weight * self.piece_length(*k)).sum()
+        self.support(i)
+            .iter()
+            .map(|(k, weight)| weight * self.piece_length(*k))
+            .sum()
     }
 
     /// Stretch of spring `i`: from its rest point to the needle \[m\].
@@ -58,7 +65,9 @@ impl Equilibrium {
 
     /// Largest stretch of a spring \[m\].
     pub fn max_stretch(&self) -> f64 {
-        (0..self.springs.len()).map(|i| self.stretch(i).norm()).fold(0.0, f64::max)
+        (0..self.springs.len())
+            .map(|i| self.stretch(i).norm())
+            .fold(0.0, f64::max)
     }
 
     /// Elastic energy of the springs \[J\].
@@ -69,12 +78,18 @@ impl Equilibrium {
 
     /// Elastic energy of the bent needle \[J\].
     pub fn bending_energy(&self) -> f64 {
-        self.segments().map(|segment| self.stiffness * bending(&segment)).sum()
+        self.segments()
+            .map(|segment| self.stiffness * bending(&segment))
+            .sum()
     }
 
     /// Stretch at the entry point: from the first spring's rest point to the needle \[m\].
     pub fn entry_stretch(&self) -> Vector3<f64> {
-        if self.springs.is_empty() { Vector3::zeros() } else { self.stretch(0) }
+        if self.springs.is_empty() {
+            Vector3::zeros()
+        } else {
+            self.stretch(0)
+        }
     }
 
     /// Force of the first spring on the needle \[N\].
@@ -164,7 +179,9 @@ impl Sensitivities {
 
     /// Derivatives of [`Equilibrium::entry_force`].
     pub fn entry_force(&self, needle: &Equilibrium) -> VectorRates {
-        let Some(spring) = needle.springs.first() else { return VectorRates::zeros() };
+        let Some(spring) = needle.springs.first() else {
+            return VectorRates::zeros();
+        };
         let mut rates = self.entry_stretch() * -spring.stiffness;
         let force = needle.entry_force();
         rates.set_column(STIFFNESS, &(rates.column(STIFFNESS) + force));
@@ -201,7 +218,8 @@ impl Sensitivities {
             return (shear, bend);
         };
         let step = self.p[1] - self.p[0];
-        let shear = step * piece.alpha - (self.d[0] + self.d[1]) * piece.beta + piece.shear_l * self.l[0];
+        let shear =
+            step * piece.alpha - (self.d[0] + self.d[1]) * piece.beta + piece.shear_l * self.l[0];
         let start = step * -piece.beta
             + self.d[0] * piece.gamma
             + self.d[1] * (piece.gamma / 2.0)

@@ -68,12 +68,7 @@ impl Sensitivities {
     }
 
     /// Derivatives of the point of segment `i` at the fraction of its coordinate, and the tangent.
-    fn at_coordinate(
-        &self,
-        needle: &Equilibrium,
-        i: usize,
-        l: f64,
-    ) -> (VectorRates, Vector3<f64>) {
+    fn at_coordinate(&self, needle: &Equilibrium, i: usize, l: f64) -> (VectorRates, Vector3<f64>) {
         let segment = needle.segment(i);
         let tangent = segment.derivative(l);
         if i == needle.springs.len() {
@@ -86,7 +81,11 @@ impl Sensitivities {
         }
         let (a, b) = (&needle.nodes[i], &needle.nodes[i + 1]);
         let u = l / segment.length;
-        let (h01, h10, h11) = (u * u * (3.0 - 2.0 * u), u * (1.0 - u).powi(2), u * u * (u - 1.0));
+        let (h01, h10, h11) = (
+            u * u * (3.0 - 2.0 * u),
+            u * (1.0 - u).powi(2),
+            u * u * (u - 1.0),
+        );
         let rates = self.p[i] * (1.0 - h01)
             + self.p[i + 1] * h01
             + (self.d[i] * h10 + self.d[i + 1] * h11) * segment.length
@@ -123,8 +122,7 @@ impl Sensitivities {
         let tangent = segment.derivative(u * l) * l;
         if i == needle.springs.len() {
             let (arm, by_load) = self.tip_terms(needle, u * l);
-            let rates =
-                self.d[i] + self.y * arm.1 + needle.tip.y * (by_load.1 + self.l[i] * arm.3);
+            let rates = self.d[i] + self.y * arm.1 + needle.tip.y * (by_load.1 + self.l[i] * arm.3);
             return (tangent, rates * l);
         }
         let full = segment.length;
@@ -204,7 +202,8 @@ impl Equilibrium {
                 length: border[0][c],
                 theta: border[1][c],
             };
-            out.tip.set_column(c, &self.tip_twist_of(direction, &change));
+            out.tip
+                .set_column(c, &self.tip_twist_of(direction, &change));
             out.y.set_column(c, &self.y_change(direction, &change));
         }
         Ok(())
@@ -232,13 +231,19 @@ impl Equilibrium {
         let mut adjoint: Vec<Block<6, 5>> = vec![[[0.0; 5]; 6]; n];
         let mut border = [[0.0; 2]; 6];
         for k in 0..5 {
-            let column = twist(std::array::from_fn(|i| f64::from(u8::from(i == k))), [0.0; 2]);
+            let column = twist(
+                std::array::from_fn(|i| f64::from(u8::from(i == k))),
+                [0.0; 2],
+            );
             for r in 0..6 {
                 adjoint[n - 1][r][k] = column[r];
             }
         }
         for k in 0..2 {
-            let column = twist([0.0; 5], std::array::from_fn(|i| f64::from(u8::from(i == k))));
+            let column = twist(
+                [0.0; 5],
+                std::array::from_fn(|i| f64::from(u8::from(i == k))),
+            );
             for r in 0..6 {
                 border[r][k] = column[r];
             }

@@ -39,7 +39,11 @@ impl Equilibrium {
         if spacing > 0.0 {
             // A sample within a nanometre of the tip is the tip.
             let last = ((length - 1e-9) / spacing).floor().clamp(0.0, 1e6) as u32;
-            samples.extend((0..=last).map(|i| f64::from(i) * spacing).map(|s| (s, self.point(s))));
+            samples.extend(
+                (0..=last)
+                    .map(|i| f64::from(i) * spacing)
+                    .map(|s| (s, self.point(s))),
+            );
         }
         samples.push((length, self.tip_position()));
         samples

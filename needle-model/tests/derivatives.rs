@@ -2,7 +2,7 @@
 
 mod random;
 
-use nalgebra::{Isometry3, DVector, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{DVector, Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use needle_model::{Equilibrium, LOAD, PARAMETERS, STIFFNESS, Sensitivities};
 use proptest::prelude::*;
 use random::{State, state};
@@ -67,7 +67,11 @@ proptest! {
 
 /// Everything that has a gradient, beside a characteristic size of each.
 fn quantities(needle: &Equilibrium) -> DVector<f64> {
-    let mut all = vec![needle.mean_stretch(), needle.tissue_energy(), needle.bending_energy()];
+    let mut all = vec![
+        needle.mean_stretch(),
+        needle.tissue_energy(),
+        needle.bending_energy(),
+    ];
     all.extend(needle.entry_stretch().iter());
     all.extend(needle.entry_force().iter());
     all.extend(needle.base_wrench().iter());
@@ -80,8 +84,10 @@ fn quantities(needle: &Equilibrium) -> DVector<f64> {
 const POINTS: [f64; 5] = [0.1, 0.5, 0.8, 0.97, 1.0];
 
 fn gradients(needle: &Equilibrium, out: &Sensitivities) -> nalgebra::DMatrix<f64> {
-    let points: Vec<_> =
-        POINTS.iter().map(|s| out.point(needle, s * needle.needle().length())).collect();
+    let points: Vec<_> = POINTS
+        .iter()
+        .map(|s| out.point(needle, s * needle.needle().length()))
+        .collect();
     let mut rows: Vec<nalgebra::DMatrix<f64>> = vec![];
     let mut push = |m: &dyn Fn(usize, usize) -> f64, r: usize| {
         rows.push(nalgebra::DMatrix::from_fn(r, PARAMETERS, |r, c| m(r, c)));
@@ -114,7 +120,10 @@ fn gradients(needle: &Equilibrium, out: &Sensitivities) -> nalgebra::DMatrix<f64
 fn changed(state: &State, k: usize, step: f64) -> State {
     let mut other = state.clone();
     match k {
-        STIFFNESS => other.springs.iter_mut().for_each(|s| s.stiffness *= step.exp()),
+        STIFFNESS => other
+            .springs
+            .iter_mut()
+            .for_each(|s| s.stiffness *= step.exp()),
         LOAD => other.load = other.load * step.exp(),
         _ => other.base = moved(&state.base, k, step),
     }

@@ -19,7 +19,9 @@ fn inserted(settings: InsertionSettings, step: f64, depth: f64) -> Insertion {
     let mut insertion = start(settings);
     let steps = (depth / step).round() as usize;
     for i in 1..=steps {
-        insertion.insert(&base_at(depth * i as f64 / steps as f64), None).unwrap();
+        insertion
+            .insert(&base_at(depth * i as f64 / steps as f64), None)
+            .unwrap();
     }
     insertion
 }
@@ -27,7 +29,10 @@ fn inserted(settings: InsertionSettings, step: f64, depth: f64) -> Insertion {
 #[test]
 fn the_step_size_does_not_matter() {
     for rest_point in [RestPoint::ModelCentre, RestPoint::CuttingEdge] {
-        let settings = InsertionSettings { rest_point, ..InsertionSettings::default() };
+        let settings = InsertionSettings {
+            rest_point,
+            ..InsertionSettings::default()
+        };
         let tip = |step| inserted(settings, step, 0.08).equilibrium().tip_position();
         let fine = tip(0.02e-3);
         println!("{rest_point:?}: tip {fine:?}");

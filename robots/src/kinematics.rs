@@ -1,11 +1,16 @@
 //! Geometry of serial arms with six or seven revolute joints, read from a URDF.
 
 mod chain;
+mod inverse;
+mod numeric;
+mod opw;
 mod rates;
 mod turns;
 mod urdf;
 
 pub use chain::{Chain, Jacobian};
+pub use inverse::Turns;
+pub use opw::OpwParameters;
 pub use rates::{RateSettings, TwistRates};
 pub use turns::{NotEnoughTravel, RemainingTravel, TurnBudget};
 pub use urdf::UrdfError;

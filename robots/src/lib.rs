@@ -8,3 +8,4 @@
 pub mod arms;
 pub mod kinematics;
 pub mod sim;
+pub mod viper;

@@ -3,6 +3,7 @@
 use hal::{JointLimit, Joints, MAX_JOINTS};
 use nalgebra::{Isometry3, Matrix3, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector3};
 
+use super::opw::Opw;
 use super::urdf::{self, UrdfError};
 
 /// Geometric Jacobian `j_tip_joints`: joint rates to the tip's twist \[linear; angular\] along
@@ -24,6 +25,7 @@ pub struct Chain {
     joints: [Rigid; MAX_JOINTS],
     /// From the last joint's frame to the tip.
     last: Rigid,
+    opw: Option<Opw>,
 }
 
 /// Rotation matrix and translation.
@@ -104,6 +106,7 @@ impl Chain {
             limits: Vec::with_capacity(revolute.len()),
             joints: [Rigid::IDENTITY; MAX_JOINTS],
             last: after_last,
+            opw: None,
         };
         let mut turned_back = Matrix3::identity();
         for (slot, joint) in chain.joints.iter_mut().zip(revolute) {
@@ -118,6 +121,7 @@ impl Chain {
         }
         chain.last.rotation = turned_back * chain.last.rotation;
         chain.last.translation = turned_back * chain.last.translation;
+        chain.opw = Opw::detect(&chain);
         chain
     }
 
@@ -199,6 +203,11 @@ impl Chain {
     /// The geometric Jacobian at the tip's origin.
     pub fn jacobian(&self, q: &Joints) -> Jacobian {
         self.forward_jacobian(q).1
+    }
+
+    /// The analytic solver, if the geometry has one.
+    pub(super) fn analytic(&self) -> Option<&Opw> {
+        self.opw.as_ref()
     }
 
     /// Frame of every joint (z is its axis) and of the tip, in the base.

@@ -42,7 +42,11 @@ pub trait Codec {
     fn i32(&mut self, value: &mut i32);
 
     /// The next real: IEEE 754 single precision.
-    #[expect(clippy::cast_sign_loss, clippy::cast_possible_wrap, reason = "a copy of the bits")]
+    #[expect(
+        clippy::cast_sign_loss,
+        clippy::cast_possible_wrap,
+        reason = "a copy of the bits"
+    )]
     fn f32(&mut self, value: &mut f32) {
         let mut bits = value.to_bits() as i32;
         self.i32(&mut bits);

@@ -20,7 +20,13 @@ pub struct Decoder {
 impl Decoder {
     /// A decoder for a fresh stream that ignores the first `preamble` bytes.
     pub const fn new(order: ByteOrder, preamble: usize) -> Self {
-        Self { order, skip: preamble, buffer: [0; MAX_FRAME], filled: 0, failed: None }
+        Self {
+            order,
+            skip: preamble,
+            buffer: [0; MAX_FRAME],
+            filled: 0,
+            failed: None,
+        }
     }
 
     /// Takes the next bytes of the stream and hands every completed frame to `sink`.
@@ -35,7 +41,11 @@ impl Decoder {
         self.skip -= skipped;
         let mut rest = &bytes[skipped..];
         while !rest.is_empty() {
-            let wanted = if self.filled < 4 { 4 } else { self.frame_size()? };
+            let wanted = if self.filled < 4 {
+                4
+            } else {
+                self.frame_size()?
+            };
             let taken = (wanted - self.filled).min(rest.len());
             self.buffer[self.filled..self.filled + taken].copy_from_slice(&rest[..taken]);
             self.filled += taken;
@@ -64,7 +74,9 @@ impl Decoder {
     fn frame_size(&mut self) -> Result<usize, WireError> {
         let [a, b, c, d, ..] = self.buffer;
         let plausible = |length: i32| {
-            usize::try_from(length).ok().filter(|length| (LEAST..=MOST).contains(length))
+            usize::try_from(length)
+                .ok()
+                .filter(|length| (LEAST..=MOST).contains(length))
         };
         let length = self.order.integer([a, b, c, d]);
         if let Some(length) = plausible(length) {
@@ -72,9 +84,16 @@ impl Decoder {
         }
         let swapped = self.order.swapped().integer([a, b, c, d]);
         let error = if plausible(swapped).is_some() {
-            WireError::ByteOrder { found: length as u32, swapped: swapped as u32 }
+            WireError::ByteOrder {
+                found: length as u32,
+                swapped: swapped as u32,
+            }
         } else {
-            WireError::Length { length, least: LEAST, most: MOST }
+            WireError::Length {
+                length,
+                least: LEAST,
+                most: MOST,
+            }
         };
         Err(*self.failed.insert(error))
     }

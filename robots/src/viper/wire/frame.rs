@@ -95,30 +95,51 @@ impl Bytes {
 
 impl core::fmt::Debug for Bytes {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        self.as_slice().iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+        self.as_slice()
+            .iter()
+            .try_for_each(|byte| write!(f, "{byte:02x}"))
     }
 }
 
 impl Frame {
     /// A frame that expects an answer.
     pub const fn request(message: Message) -> Self {
-        Self { comm: Comm::Request, reply: ReplyCode::None, message }
+        Self {
+            comm: Comm::Request,
+            reply: ReplyCode::None,
+            message,
+        }
     }
 
     /// A frame that nobody answers.
     pub const fn topic(message: Message) -> Self {
-        Self { comm: Comm::Topic, reply: ReplyCode::None, message }
+        Self {
+            comm: Comm::Topic,
+            reply: ReplyCode::None,
+            message,
+        }
     }
 
     /// An answer.
     pub const fn reply(message: Message, success: bool) -> Self {
-        let reply = if success { ReplyCode::Success } else { ReplyCode::Failure };
-        Self { comm: Comm::Reply, reply, message }
+        let reply = if success {
+            ReplyCode::Success
+        } else {
+            ReplyCode::Failure
+        };
+        Self {
+            comm: Comm::Reply,
+            reply,
+            message,
+        }
     }
 
     /// The bytes of this frame.
     pub fn encode(&self, order: ByteOrder) -> Bytes {
-        let mut bytes = Bytes { buffer: [0; MAX_FRAME], length: HEADER };
+        let mut bytes = Bytes {
+            buffer: [0; MAX_FRAME],
+            length: HEADER,
+        };
         match self.message {
             Message::EmptyPing => self.header(1, order, &mut bytes),
             Message::Ping(body) => self.write(1, body, order, &mut bytes),
@@ -142,7 +163,10 @@ impl Frame {
     fn write<B: Body>(&self, kind: i32, mut body: B, order: ByteOrder, bytes: &mut Bytes) {
         bytes.length = HEADER + B::SIZE;
         self.header(kind, order, bytes);
-        body.visit(&mut Writer { rest: &mut bytes.buffer[HEADER..bytes.length], order });
+        body.visit(&mut Writer {
+            rest: &mut bytes.buffer[HEADER..bytes.length],
+            order,
+        });
     }
 
     fn header(&self, kind: i32, order: ByteOrder, bytes: &mut Bytes) {
@@ -157,7 +181,11 @@ impl Frame {
             ReplyCode::Failure => 2,
         };
         let length = i32::try_from(bytes.length - 4).unwrap_or(i32::MAX);
-        for (field, value) in bytes.buffer.chunks_exact_mut(4).zip([length, kind, comm, reply]) {
+        for (field, value) in bytes
+            .buffer
+            .chunks_exact_mut(4)
+            .zip([length, kind, comm, reply])
+        {
             field.copy_from_slice(&order.bytes(value));
         }
     }
@@ -175,7 +203,13 @@ impl Frame {
             });
         };
         let mut fields = [0; 3];
-        super::Codec::i32s(&mut Reader { rest: header, order }, &mut fields);
+        super::Codec::i32s(
+            &mut Reader {
+                rest: header,
+                order,
+            },
+            &mut fields,
+        );
         let [kind, comm, code] = fields;
         let comm = match comm {
             1 => Comm::Topic,
@@ -193,7 +227,11 @@ impl Frame {
         if !message.is_finite() {
             return Err(WireError::NotFinite { kind });
         }
-        Ok(Self { comm, reply, message })
+        Ok(Self {
+            comm,
+            reply,
+            message,
+        })
     }
 }
 
@@ -258,10 +296,16 @@ struct Reading<'a> {
 impl Reading<'_> {
     fn read<B: Body>(&self) -> Result<B, WireError> {
         if self.bytes.len() != B::SIZE {
-            return Err(WireError::BodySize { kind: self.kind, found: self.bytes.len() });
+            return Err(WireError::BodySize {
+                kind: self.kind,
+                found: self.bytes.len(),
+            });
         }
         let mut body = B::default();
-        body.visit(&mut Reader { rest: self.bytes, order: self.order });
+        body.visit(&mut Reader {
+            rest: self.bytes,
+            order: self.order,
+        });
         Ok(body)
     }
 }

@@ -19,6 +19,6 @@ pub use decoder::Decoder;
 pub use error::WireError;
 pub use frame::{Bytes, Comm, Frame, HEADER, MAX_FRAME, Message, ReplyCode};
 pub use simple::{
-    IoOperation, JointFeedback, JointPosition, Mode, Ping, Status, Sequence, TrajAck, TrajPt,
+    IoOperation, JointFeedback, JointPosition, Mode, Ping, Sequence, Status, TrajAck, TrajPt,
     TrajPtFull, TriState, WIRE_JOINTS, encode_io, sequence,
 };

@@ -1,0 +1,132 @@
+//! Inverse kinematics: all postures of the arm for a pose of its tip.
+
+use core::f64::consts::TAU;
+
+use hal::{JointLimit, Joints};
+use nalgebra::Isometry3;
+
+use super::chain::Chain;
+use super::numeric;
+use super::opw::OpwParameters;
+
+/// Which full turns of the joints count as solutions of their own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Turns {
+    /// One solution a posture: every joint as near to zero as its limits allow.
+    #[default]
+    One,
+    /// All full turns within the limits.
+    All,
+}
+
+/// Rounding by which a solution may lie beyond a limit, onto which it is then put \[rad\].
+const AT_LIMIT: f64 = 1e-11;
+/// Solutions closer than this are one \[rad\].
+const SAME: f64 = 1e-9;
+
+impl Chain {
+    /// All joint positions within the limits that put the tip at `base_from_tip`.
+    ///
+    /// An arm of the ortho-parallel class ([`Chain::opw`]) is solved analytically: every branch,
+    /// exact to rounding, also close to singularities; where a singularity leaves a joint free,
+    /// one representative of the branch. Other arms are solved by damped Newton iterations from
+    /// many starting points spread over the joint ranges: every solution returned is exact to
+    /// rounding, but in rare cases one is missed. For seven joints that is a sample of
+    /// infinitely many solutions.
+    ///
+    /// A pose out of reach, or one that is not finite, has no solutions.
+    pub fn inverse(&self, base_from_tip: &Isometry3<f64>, turns: Turns) -> Vec<Joints> {
+        let mut solutions = Vec::with_capacity(8);
+        let finite = base_from_tip
+            .translation
+            .vector
+            .iter()
+            .all(|x| x.is_finite())
+            && base_from_tip.rotation.coords.iter().all(|x| x.is_finite());
+        if !finite {
+            return solutions;
+        }
+        let mut keep = |q: Joints| {
+            if let Some(q) = self.near_zero(&q)
+                && !solutions.iter().any(|other| is_same(other, &q))
+            {
+                solutions.push(q);
+            }
+        };
+        match self.analytic() {
+            Some(opw) => opw.solve(base_from_tip, keep),
+            None => numeric::solve(self, base_from_tip, &mut keep),
+        }
+        match turns {
+            Turns::One => solutions,
+            Turns::All => self.all_turns(&solutions),
+        }
+    }
+
+    /// The solution nearest to `q`, by the largest joint difference, full turns included.
+    pub fn inverse_near(&self, base_from_tip: &Isometry3<f64>, q: &Joints) -> Option<Joints> {
+        let distance = |x: &Joints| x.zip(q, |a, b| a - b).max_abs();
+        self.inverse(base_from_tip, Turns::All)
+            .into_iter()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    }
+
+    /// Parameters of the analytic solution; `None` for arms that are solved numerically.
+    pub fn opw(&self) -> Option<&OpwParameters> {
+        self.analytic().map(|opw| opw.parameters())
+    }
+
+    /// The same posture with every joint as near to zero as its limits allow, if they do.
+    fn near_zero(&self, q: &Joints) -> Option<Joints> {
+        let mut out = *q;
+        for (x, limit) in out.iter_mut().zip(self.limits()) {
+            let principal = *x - TAU * (*x / TAU).round();
+            *x = onto(principal, limit).or_else(|| {
+                turns_of(principal, limit)
+                    .min_by(|a, b| a.abs().total_cmp(&b.abs()))
+                    .and_then(|x| onto(x, limit))
+            })?;
+        }
+        Some(out)
+    }
+
+    fn all_turns(&self, solutions: &[Joints]) -> Vec<Joints> {
+        let mut all = solutions.to_vec();
+        for (i, limit) in self.limits().iter().enumerate() {
+            let mut turned = Vec::with_capacity(all.len());
+            for q in &all {
+                for x in turns_of(q[i], limit) {
+                    if let Some(x) = onto(x, limit) {
+                        let mut q = *q;
+                        q[i] = x;
+                        turned.push(q);
+                    }
+                }
+            }
+            all = turned;
+        }
+        all
+    }
+}
+
+/// `x` and its full turns from just below the lower limit to just above the upper one.
+fn turns_of(x: f64, limit: &JointLimit) -> impl Iterator<Item = f64> {
+    let first = ((limit.lower - AT_LIMIT - x) / TAU).ceil();
+    let last = ((limit.upper + AT_LIMIT - x) / TAU).floor();
+    core::iter::successors(Some(first), |k| Some(k + 1.0))
+        .take_while(move |k| *k <= last)
+        .map(move |k| x + TAU * k)
+}
+
+fn onto(x: f64, limit: &JointLimit) -> Option<f64> {
+    (limit.lower - AT_LIMIT..=limit.upper + AT_LIMIT)
+        .contains(&x)
+        .then(|| x.clamp(limit.lower, limit.upper))
+}
+
+fn is_same(a: &Joints, b: &Joints) -> bool {
+    a.iter().zip(b.iter()).all(|(a, b)| {
+        let turn = a - b;
+        (turn - TAU * (turn / TAU).round()).abs() < SAME
+    })
+}

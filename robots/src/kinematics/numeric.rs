@@ -1,0 +1,109 @@
+//! Inverse kinematics by damped Newton iterations from many starting points.
+
+use core::f64::consts::{PI, TAU};
+
+use hal::Joints;
+use nalgebra::{Isometry3, Matrix6, Vector6};
+
+use super::chain::Chain;
+
+/// Starting points; the best that 8 solutions of a UR arm need 99 times in 100, doubled.
+const STARTS: u32 = 512;
+/// Iterations from each.
+const ITERATIONS: usize = 60;
+/// Pose error of a solution, linear in metres and angular in radians: rounding.
+const CONVERGED: f64 = 1e-12;
+/// Error up to which a stalled iteration still counts.
+const ACCEPTED: f64 = 2e-11;
+/// Solutions closer than this are one: what the error leaves near a singularity \[rad\].
+const SAME: f64 = 1e-6;
+/// A 6-joint arm has no more solutions; of 7 joints, as many are enough to choose from.
+const MOST: usize = 16;
+/// Bases of the Halton sequence, one a joint.
+const BASES: [u32; hal::MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17];
+
+/// Calls `found` with every solution met, wherever in the circle.
+pub(super) fn solve(chain: &Chain, target: &Isometry3<f64>, found: &mut impl FnMut(Joints)) {
+    let mut solutions: Vec<Joints> = Vec::new();
+    for index in 1..=STARTS {
+        let Some(q) = newton(chain, target, start(chain, index)) else {
+            continue;
+        };
+        let is_new = !solutions.iter().any(|other| {
+            other.iter().zip(q.iter()).all(|(a, b)| {
+                let turn = a - b;
+                (turn - TAU * (turn / TAU).round()).abs() < SAME
+            })
+        });
+        if is_new {
+            solutions.push(q);
+            found(q);
+            if solutions.len() == MOST {
+                return;
+            }
+        }
+    }
+}
+
+/// Point `index` of the Halton sequence, spread over one turn of every joint within its range.
+fn start(chain: &Chain, index: u32) -> Joints {
+    let mut q = Joints::from([0.0; hal::MAX_JOINTS]);
+    for (i, limit) in chain.limits().iter().enumerate() {
+        let (mut share, mut digit, mut rest) = (0.0, 1.0, index);
+        while rest > 0 {
+            digit /= f64::from(BASES[i]);
+            share += digit * f64::from(rest % BASES[i]);
+            rest /= BASES[i];
+        }
+        let middle = 0.5 * (limit.lower + limit.upper);
+        let half = (0.5 * (limit.upper - limit.lower)).min(PI);
+        q[i] = middle + half * (2.0 * share - 1.0);
+    }
+    Joints::from_slice(&q[..chain.len()]).unwrap_or(q)
+}
+
+/// Levenberg-Marquardt on the pose error.
+fn newton(chain: &Chain, target: &Isometry3<f64>, mut q: Joints) -> Option<Joints> {
+    let (mut pose, mut jacobian) = chain.forward_jacobian(&q);
+    let mut error = difference(&pose, target);
+    let mut damping = 1e-2;
+    for _ in 0..ITERATIONS {
+        if error.norm() < CONVERGED {
+            break;
+        }
+        let gram = jacobian * jacobian.transpose() + Matrix6::identity() * damping;
+        let Some(factors) = gram.cholesky() else {
+            damping = (damping * 10.0).max(1e-12);
+            continue;
+        };
+        let step = jacobian.transpose() * factors.solve(&error);
+        let mut tried = q;
+        for (x, dx) in tried.iter_mut().zip(step.iter()) {
+            *x += dx;
+        }
+        let (new_pose, new_jacobian) = chain.forward_jacobian(&tried);
+        let new_error = difference(&new_pose, target);
+        if new_error.norm() < error.norm() {
+            (q, pose, jacobian, error) = (tried, new_pose, new_jacobian, new_error);
+            damping = if damping < 1e-9 { 0.0 } else { damping * 0.1 };
+        } else if error.norm() < ACCEPTED {
+            break;
+        } else {
+            damping = (damping * 10.0).max(1e-9);
+            if damping > 1e6 {
+                return None;
+            }
+        }
+    }
+    debug_assert!(pose.translation.vector.iter().all(|x| x.is_finite()));
+    (error.norm() < ACCEPTED).then_some(q)
+}
+
+/// Twist that takes `pose` to `target` in unit time.
+fn difference(pose: &Isometry3<f64>, target: &Isometry3<f64>) -> Vector6<f64> {
+    let linear = target.translation.vector - pose.translation.vector;
+    let angular = (target.rotation * pose.rotation.inverse()).scaled_axis();
+    Vector6::new(
+        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+    )
+}
