@@ -1,18 +1,24 @@
 //! The application: everything between a configuration file and a verdict.
 //!
-//! Read [`config`] for what can be asked, [`supervisor`] for what stops a run, and [`outcome`]
-//! for what comes out.
+//! Read [`cycle`] first: one step from measurements to joint rates. [`run`](mod@run) moves an arm
+//! with it, [`rig`] assembles the devices that a [`config`] asks for, [`world`] is the simulated
+//! one, [`supervisor`] stops what must not go on. [`experiments`] and [`cli`] sit on top.
 //!
-//! **Architecture invariant:** no law, sensor or plant is named outside [`config`] and the code
-//! that assembles a rig.
+//! **Architecture invariant:** only [`run`](mod@run) writes to an arm, and every way out of it
+//! stops the arm.
 
-pub mod cli;
-pub mod clock;
-pub mod config;
-pub mod experiments;
+pub mod cycle;
+pub mod springs;
 pub mod odometry;
+pub mod run;
+pub mod rig;
+pub mod world;
+pub mod clock;
+pub mod supervisor;
+pub mod config;
 pub mod outcome;
-pub mod plot;
 pub mod series;
 pub mod statistics;
-pub mod supervisor;
+pub mod plot;
+pub mod experiments;
+pub mod cli;

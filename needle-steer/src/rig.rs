@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use hal::frame::{ArmBase, LeftCamera, World};
-use hal::guarded::{Guard, GuardError, Guarded, Limiter, SpeedCaps};
+use hal::guarded::{Guard, LimiterError, Guarded, Limiter, SpeedCaps};
 use hal::{Arm, Clock, Recorded, ShapeSensor, Transform};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
@@ -56,7 +56,7 @@ pub enum RigBuildError {
     Sim(#[from] SimError),
     /// The guard's limits.
     #[error("guard: {0}")]
-    Guard(#[from] GuardError),
+    Guard(#[from] LimiterError),
     /// A device.
     #[error(transparent)]
     Device(#[from] hal::Error),

@@ -63,7 +63,7 @@ impl SpringsModel {
     /// The model refuses the configuration or the start.
     pub fn new(config: &Config, world_from_base: &Isometry3<f64>) -> Result<Self, SpringsError> {
         let outside = world_from_base * Isometry3::translation(0.0, 0.0, -CLEARANCE);
-        let stiffness = config.tissue.stiffness_n_per_m2;
+        let stiffness = config.estimator.stiffness_n_m2;
         let insertion = Insertion::new(
             needle(config)?,
             Bevel::plane_cut(

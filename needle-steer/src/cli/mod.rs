@@ -2,6 +2,8 @@
 //! fault, 2 bad usage or configuration.
 
 mod arm;
+mod reproduce;
+mod run;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -21,6 +23,10 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// One insertion to a target.
+    Run(run::RunArgs),
+    /// The paper's four experiments over seeds: Table I beside the paper's values.
+    Reproduce(reproduce::ReproduceArgs),
     /// Forward kinematics of an arm: pose and Jacobian of a link.
     Fk(arm::FkArgs),
     /// Check a configuration.
@@ -91,6 +97,8 @@ fn report(error: &anyhow::Error) {
 
 fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
+        Command::Run(args) => return run::execute(&args),
+        Command::Reproduce(args) => return reproduce::execute(&args),
         Command::Fk(args) => return arm::fk(&args),
         Command::Check { config } => {
             config::load(Some(&config), &[])?;

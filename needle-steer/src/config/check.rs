@@ -77,11 +77,6 @@ impl Config {
         }
         positive("needle.young_modulus_gpa", needle.young_modulus_gpa, 1000.0)?;
         within("needle.bevel_deg", needle.bevel_deg, 1.0, 89.0)?;
-        positive(
-            "tissue.stiffness_n_per_m2",
-            self.tissue.stiffness_n_per_m2,
-            1e7,
-        )?;
         within(
             "tissue.spring_spacing_mm",
             self.tissue.spring_spacing_mm,

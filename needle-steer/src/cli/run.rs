@@ -1,0 +1,195 @@
+//! `run`: one insertion to a target.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context;
+use clap::Args;
+use hal::telemetry::Telemetry;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::print_json;
+use crate::config::{self, Config};
+use crate::outcome::Summary;
+use crate::plot::write_run_plot;
+use crate::rig::Rig;
+use crate::run::{Observer, run};
+use crate::series::{Row, write_csv};
+
+/// One insertion to a target.
+#[derive(Debug, Args)]
+pub(super) struct RunArgs {
+    /// Configuration file (TOML); without it, the paper's shifted-target experiment.
+    config: Option<PathBuf>,
+    /// Change one key of the configuration: key=value, the value in TOML.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Arm that executes the commands.
+    #[arg(long)]
+    backend: Option<String>,
+    /// Steering law.
+    #[arg(long)]
+    law: Option<String>,
+    /// What closes the loop.
+    #[arg(long)]
+    sensor: Option<String>,
+    /// Preset of the phantom.
+    #[arg(long)]
+    phantom: Option<String>,
+    /// Seed of everything random.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Check everything, move nothing.
+    #[arg(long)]
+    dry_run: bool,
+    /// Folder for the results; made if missing.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Print the summary as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl RunArgs {
+    fn config(&self) -> Result<Config, config::ConfigError> {
+        let mut overrides = self.set.clone();
+        let options = [
+            ("run.backend", &self.backend),
+            ("run.law", &self.law),
+            ("run.sensor", &self.sensor),
+            ("run.phantom", &self.phantom),
+        ];
+        for (key, value) in options {
+            overrides.extend(value.as_ref().map(|value| format!("{key}={}", quoted(value))));
+        }
+        overrides.extend(self.seed.map(|seed| format!("run.seed={seed}")));
+        if self.dry_run {
+            overrides.push("run.dry_run=true".into());
+        }
+        config::load(self.config.as_deref(), &overrides)
+    }
+}
+
+/// A TOML string, so that a name like `1` stays a name.
+fn quoted(value: &str) -> String {
+    toml::Value::String(value.to_owned()).to_string()
+}
+
+pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
+    let config = args.config()?;
+    let interrupt = interrupt_flag()?;
+    let mut rig = Rig::new(&config)?;
+    if let Some(out) = &args.out {
+        std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    }
+    let mut recorder = Recorder::new(&config);
+    let mut summary = run(&config, &mut rig, &mut recorder, &interrupt)?;
+    recorder.progress.finish_and_clear();
+    if let Some(out) = &args.out {
+        summary.out = Some(out.display().to_string());
+        write_results(out, &config, &recorder.rows, &summary)?;
+    }
+    if args.json {
+        print_json(&summary)?;
+    } else {
+        print_text(&summary)?;
+    }
+    Ok(if summary.ended.is_success() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// A flag that Ctrl-C and SIGTERM raise; the run then stops the arm and ends.
+pub(super) fn interrupt_flag() -> anyhow::Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let raised = Arc::clone(&flag);
+    ctrlc::set_handler(move || raised.store(true, Ordering::Relaxed))
+        .context("installing the signal handler")?;
+    Ok(flag)
+}
+
+/// Keeps the time series and draws the progress line.
+struct Recorder {
+    rows: Vec<Row>,
+    first: Option<Telemetry>,
+    progress: ProgressBar,
+    depth_mm: f64,
+}
+
+impl Recorder {
+    fn new(config: &Config) -> Self {
+        let depth_mm = config.target.depth_mm + 10.0;
+        let progress = ProgressBar::new(1000);
+        progress.set_style(
+            ProgressStyle::with_template("{bar:30} {msg}")
+                .unwrap_or_else(|_| ProgressStyle::default_bar()),
+        );
+        Self { rows: Vec::new(), first: None, progress, depth_mm }
+    }
+}
+
+impl Observer for Recorder {
+    fn step(&mut self, telemetry: &Telemetry) {
+        let first = self.first.get_or_insert_with(|| telemetry.clone());
+        self.rows.push(Row::new(telemetry, first));
+        if telemetry.step % 15 == 1 {
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "clamped to 0..=1000"
+            )]
+            let part = (telemetry.depth * 1e6 / self.depth_mm).clamp(0.0, 1000.0) as u64;
+            self.progress.set_position(part);
+            self.progress.set_message(format!(
+                "depth {:5.1} mm, target {:5.2} mm off axis, predicted miss {:5.2} mm, K_T {:6.0} N/m2, {:?}",
+                telemetry.depth * 1e3,
+                telemetry.lateral_error * 1e3,
+                telemetry.law.predicted_miss.norm() * 1e3,
+                telemetry.model.stiffness,
+                telemetry.law.mode,
+            ));
+        }
+    }
+}
+
+fn write_results(
+    out: &Path,
+    config: &Config,
+    rows: &[Row],
+    summary: &Summary,
+) -> anyhow::Result<()> {
+    let place = |name: &str| out.join(name);
+    let text = toml::to_string(config).context("configuration as TOML")?;
+    std::fs::write(place("config.toml"), text).with_context(|| out.display().to_string())?;
+    let csv = std::fs::File::create(place("series.csv")).with_context(|| out.display().to_string())?;
+    write_csv(rows, std::io::BufWriter::new(csv)).with_context(|| out.display().to_string())?;
+    let mut json = serde_json::to_vec_pretty(summary)?;
+    json.push(b'\n');
+    std::fs::write(place("summary.json"), json).with_context(|| out.display().to_string())?;
+    let title = format!(
+        "law {}, phantom {}, seed {}: {}",
+        summary.law, summary.phantom, summary.seed, summary.ended
+    );
+    write_run_plot(rows, &title, &place("run.svg"))?;
+    Ok(())
+}
+
+fn print_text(summary: &Summary) -> std::io::Result<()> {
+    let mut out = std::io::stdout().lock();
+    let mm = |value: Option<f64>| value.map_or("unknown".into(), |v| format!("{v:.3} mm"));
+    writeln!(out, "{}", summary.ended)?;
+    writeln!(out, "  true error      {}", mm(summary.true_error_mm))?;
+    writeln!(out, "  measured error  {}", mm(summary.measured_error_mm))?;
+    writeln!(out, "  along the axis  {}", mm(summary.axial_error_mm))?;
+    writeln!(
+        out,
+        "  tissue stretch  {:.2} mm largest, {:.2} mm mean",
+        summary.max_stretch_mm, summary.mean_stretch_mm
+    )?;
+    writeln!(out, "  duration        {:.1} s, {} steps", summary.duration_s, summary.steps)?;
+    if let Some(folder) = &summary.out {
+        writeln!(out, "  results         {folder}")?;
+    }
+    Ok(())
+}

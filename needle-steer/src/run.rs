@@ -1,0 +1,345 @@
+//! The run loop: the only code that moves an arm. Every way out of it stops the arm.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use hal::telemetry::{Phase, Telemetry};
+use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
+
+use crate::config::{Config, TargetKind};
+use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
+use crate::outcome::{Ended, Summary};
+use crate::rig::{Rig, RigBuildError};
+use crate::supervisor::{Bounds, Supervisor, Verdict};
+use crate::world::{in_stereo_frame, place_target};
+use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
+
+/// Longest wait for a law step when no image comes \[s\]: then the law runs on prediction.
+const PREDICTION: f64 = 0.05;
+/// Straight start where no protocol gives one \[m\].
+const PRE_INSERTION: f64 = 5e-3;
+/// Longest wait for the arm to come to rest.
+const REST: Duration = Duration::from_secs(1);
+/// Shortfall of reach that does not end a run \[m\].
+const REACH_TOLERANCE: f64 = 0.5e-3;
+
+/// A run that could not be carried out; nothing moved, or the arm was stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The rig.
+    #[error(transparent)]
+    Rig(#[from] RigBuildError),
+    /// The controller.
+    #[error(transparent)]
+    Cycle(#[from] CycleError),
+    /// The target is refused before anything moves.
+    #[error("target refused: {0}")]
+    Target(#[from] Unreachable),
+    /// A device failed.
+    #[error(transparent)]
+    Device(#[from] hal::Error),
+}
+
+/// Takes note of a run while it goes on.
+pub trait Observer {
+    /// A law step, with truth in simulation.
+    fn step(&mut self, telemetry: &Telemetry);
+
+    /// What the step read; called before [`Observer::step`].
+    fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
+        let _ = (arm, shape);
+    }
+
+    /// A command that went out.
+    fn command(&mut self, command: &RateCommand) {
+        let _ = command;
+    }
+}
+
+/// Takes note of nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unobserved;
+
+impl Observer for Unobserved {
+    fn step(&mut self, _: &Telemetry) {}
+}
+
+/// Carries out one insertion on `rig`.
+///
+/// # Errors
+/// See [`RunError`]; a run that ends early is no error but a verdict.
+pub fn run(
+    config: &Config,
+    rig: &mut Rig,
+    observer: &mut dyn Observer,
+    interrupt: &AtomicBool,
+) -> Result<Summary, RunError> {
+    let state = rig.arm.state()?;
+    let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
+    let mut insertion = Insertion::new(config, rig, cycle, &state);
+    insertion.check_target(config)?;
+    if config.run.dry_run {
+        return Ok(insertion.summary(config, Ended::DryRun));
+    }
+    insertion.rig.arm.enable()?;
+    let ended = insertion.advance(config, observer, interrupt);
+    let stopped = insertion.come_to_rest();
+    let ended = ended?;
+    stopped?;
+    Ok(insertion.summary(config, ended))
+}
+
+/// One insertion in progress.
+struct Insertion<'a> {
+    rig: &'a mut Rig,
+    cycle: Cycle,
+    supervisor: Supervisor,
+    reach: ReachMonitor,
+    phase: Phase,
+    pre_insertion: f64,
+    start: nalgebra::Isometry3<f64>,
+    steering_since: Option<Stamp>,
+    sequence: u64,
+    rates: Joints,
+    last_law: Option<Stamp>,
+}
+
+impl<'a> Insertion<'a> {
+    fn new(config: &Config, rig: &'a mut Rig, cycle: Cycle, state: &ArmState) -> Self {
+        let start = base_pose(&rig.bearings, state);
+        let pre_insertion =
+            rig.world.as_ref().map_or(PRE_INSERTION, |world| world.pre_insertion());
+        Self {
+            supervisor: Supervisor::new(bounds(config), rig.clock.now()),
+            cycle,
+            reach: ReachMonitor::new(REACH_TOLERANCE),
+            phase: Phase::PreInsertion,
+            pre_insertion,
+            start,
+            steering_since: None,
+            sequence: 0,
+            rates: state.positions.zeroed(),
+            last_law: None,
+            rig,
+        }
+    }
+
+    /// Refuses a target that cannot be reached, as far as it is known before the start.
+    fn check_target(&self, config: &Config) -> Result<(), Unreachable> {
+        let tip = (self.start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3))
+            .coords
+            + self.start.rotation * nalgebra::Vector3::z() * self.pre_insertion;
+        let target = match config.target.kind {
+            TargetKind::Stereo => {
+                (self.rig.bearings.world_from_left_camera * stereo_target(config)).coords()
+            }
+            _ => nominal_target(config, &tip, &self.start),
+        };
+        reachable_at_start(
+            self.cycle.estimator(),
+            &target.into(),
+            self.cycle.limits(),
+            Means::of_law(&config.run.law),
+        )
+    }
+
+    fn advance(
+        &mut self,
+        config: &Config,
+        observer: &mut dyn Observer,
+        interrupt: &AtomicBool,
+    ) -> Result<Ended, RunError> {
+        let period = self.rig.arm.description().period;
+        let longest = Duration::from_secs_f64(config.run.max_duration_s);
+        let begun = self.rig.clock.now();
+        let mut deadline = begun;
+        loop {
+            let now = self.rig.clock.now();
+            if interrupt.load(Ordering::Relaxed) {
+                return Ok(Ended::Interrupted);
+            }
+            if now.since(begun) > longest {
+                return Ok(Ended::TimedOut);
+            }
+            let state = self.rig.arm.state()?;
+            self.law_step(config, now, &state, observer)?;
+            match self.supervisor.judge(now, &state, self.cycle.telemetry()) {
+                Verdict::Go => {}
+                Verdict::Hold => self.rates = self.rates.zeroed(),
+                Verdict::Stop(reason) => return Ok(Ended::Stopped(reason)),
+            }
+            if let Some(ended) = self.verdict(now) {
+                return Ok(ended);
+            }
+            self.sequence += 1;
+            let command = RateCommand { sequence: self.sequence, stamp: now, rates: self.rates };
+            self.rig.arm.command(&command)?;
+            observer.command(&command);
+            deadline = deadline + period;
+            self.rig.clock.wait_until(deadline);
+        }
+    }
+
+    /// Runs the law when a measurement arrived, or on prediction when one is overdue.
+    fn law_step(
+        &mut self,
+        config: &Config,
+        now: Stamp,
+        state: &ArmState,
+        observer: &mut dyn Observer,
+    ) -> Result<(), RunError> {
+        let shape = self.rig.sensor.poll()?;
+        let since = self.last_law.map_or(f64::INFINITY, |last| now.secs_since(last));
+        if shape.is_none() && since < PREDICTION {
+            return Ok(());
+        }
+        if let Some(shape) = &shape {
+            self.supervisor.image(shape.stamp);
+        }
+        self.change_phase(config, now, state);
+        observer.inputs(state, shape.as_ref());
+        let dt = if since.is_finite() { since } else { PREDICTION };
+        let telemetry = self.cycle.step(&Snapshot {
+            now,
+            dt,
+            arm: state,
+            shape: shape.as_ref(),
+            phase: self.phase,
+        });
+        self.rates = telemetry.joint_rates;
+        self.last_law = Some(now);
+        let telemetry = self.cycle.telemetry_mut();
+        telemetry.law.limits.extend_from_slice(self.rig.arm.inner().acted());
+        telemetry.truth = self.rig.world.as_ref().map(|world| world.report());
+        observer.step(telemetry);
+        Ok(())
+    }
+
+    /// Straight start first; then the target is set and steering begins.
+    fn change_phase(&mut self, config: &Config, now: Stamp, state: &ArmState) {
+        if self.phase != Phase::PreInsertion {
+            return;
+        }
+        let base = base_pose(&self.rig.bearings, state);
+        let travelled = (base.translation.vector - self.start.translation.vector)
+            .dot(&(self.start.rotation * nalgebra::Vector3::z()));
+        if travelled < self.pre_insertion {
+            return;
+        }
+        let target = self.place_target(config);
+        self.cycle.set_target(target);
+        self.phase = Phase::Steering;
+        self.steering_since = Some(now);
+    }
+
+    /// The target in the stereo frame. In simulation the protocol places it by the true tip.
+    fn place_target(&self, config: &Config) -> Position<hal::frame::LeftCamera> {
+        let left_from_world = self.rig.left_from_world();
+        let target = match (config.target.kind, &self.rig.world) {
+            (TargetKind::Stereo, _) => {
+                let target = stereo_target(config);
+                if let Some(world) = &self.rig.world {
+                    world.watch((left_from_world.inverse() * target).coords());
+                }
+                return target;
+            }
+            (_, Some(world)) => {
+                let target = nominal_target(config, &world.true_tip(), &self.start);
+                world.watch(target);
+                target
+            }
+            (_, None) => {
+                let tip = self.cycle.telemetry().world_from_tip.origin().coords();
+                nominal_target(config, &tip, &self.start)
+            }
+        };
+        in_stereo_frame(&target, &left_from_world)
+    }
+
+    fn verdict(&mut self, now: Stamp) -> Option<Ended> {
+        if self.phase != Phase::Steering {
+            return None;
+        }
+        let telemetry = self.cycle.telemetry();
+        if telemetry.axial_distance <= 0.0 {
+            return Some(Ended::TargetPassed);
+        }
+        self.reach.update(now, &telemetry.law).map(Ended::Unreachable)
+    }
+
+    /// Stops and waits until the arm is at rest.
+    fn come_to_rest(&mut self) -> Result<(), RunError> {
+        let stopped = self.rig.arm.stop();
+        let patience = self.rig.clock.now() + REST;
+        let period = self.rig.arm.description().period;
+        while self.rig.clock.now() < patience {
+            match self.rig.arm.state().map(|state| state.mode) {
+                Ok(ArmMode::Moving | ArmMode::Stopping) => {
+                    let next = self.rig.clock.now() + period;
+                    self.rig.clock.wait_until(next);
+                }
+                _ => break,
+            }
+        }
+        Ok(stopped?)
+    }
+
+    fn summary(&self, config: &Config, ended: Ended) -> Summary {
+        let telemetry = self.cycle.telemetry();
+        let figures = self.rig.world.as_ref().and_then(|world| world.figures());
+        let mm = |value: f64| value.is_finite().then_some(value * 1e3);
+        Summary {
+            ended,
+            law: config.run.law.clone(),
+            phantom: config.run.phantom.clone(),
+            seed: config.run.seed,
+            true_error_mm: figures.and_then(|f| mm(f.lateral)),
+            measured_error_mm: mm(telemetry.lateral_error),
+            axial_error_mm: figures.and_then(|f| mm(f.axial)),
+            max_stretch_mm: figures.map_or(0.0, |f| f.max_stretch * 1e3),
+            mean_stretch_mm: figures.map_or(0.0, |f| f.mean_stretch * 1e3),
+            duration_s: self
+                .steering_since
+                .map_or(0.0, |since| telemetry.stamp.secs_since(since)),
+            steps: telemetry.step,
+            out: None,
+            log: None,
+        }
+    }
+}
+
+fn bounds(config: &Config) -> Bounds {
+    let s = &config.supervisor;
+    let ms = |value: f64| Duration::from_secs_f64(value * 1e-3);
+    Bounds {
+        tissue_stretch: s.tissue_stretch_mm * 1e-3,
+        entry_force: s.entry_force_n,
+        axis: (config.entry(), config.inward()),
+        workspace_radius: s.workspace_radius_mm * 1e-3,
+        image_hold: ms(s.image_hold_ms),
+        image_stop: ms(s.image_stop_ms),
+        encoder_stop: ms(s.encoder_stop_ms),
+    }
+}
+
+fn stereo_target(config: &Config) -> Position<hal::frame::LeftCamera> {
+    let [x, y, z] = config.target.position_mm.map(|v| v * 1e-3);
+    Position::new(nalgebra::Point3::new(x, y, z))
+}
+
+/// Aligned or shifted target from a tip and the holder's pose, World \[m\].
+fn nominal_target(
+    config: &Config,
+    tip: &nalgebra::Vector3<f64>,
+    world_from_holder: &nalgebra::Isometry3<f64>,
+) -> nalgebra::Vector3<f64> {
+    let t = &config.target;
+    let offset = if t.kind == TargetKind::Aligned { 0.0 } else { t.offset_mm * 1e-3 };
+    place_target(
+        tip,
+        &hal::Transform::assume(*world_from_holder),
+        t.depth_mm * 1e-3,
+        offset,
+        t.angle_deg.to_radians(),
+    )
+}
