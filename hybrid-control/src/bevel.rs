@@ -76,7 +76,8 @@ impl BevelModulator {
         self.debt += (wanted - present) * advance.max(0.0);
         self.debt = self.debt.cap_magnitude(3.0 * self.threshold);
         let size = self.debt.norm();
-        let paying = present.dot(&self.debt) > 0.5 * size;
+        // The less curvature is to spare, the nearer the bevel must face the debt.
+        let paying = present.dot(&self.debt) > (0.5 + 0.45 * wanted.norm()) * size;
         if size > self.threshold && (self.turning || !paying) {
             let wish = wrap(self.debt.y.atan2(self.debt.x) - azimuth);
             // Under way the target moves a little; the sense stays unless travel forbids it.

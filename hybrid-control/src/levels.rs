@@ -9,7 +9,7 @@ use nalgebra::{SMatrix, SVector};
 use crate::qp::{Constraint, QpError, Solution, solve};
 
 /// Weight of the least-norm choice among equals, relative to rows scaled to order one.
-const REGULARISATION: f64 = 1e-8;
+const REGULARISATION: f64 = 1e-6;
 
 /// Singular values below this fraction of a level's largest leave their direction free.
 const RANK_TOLERANCE: f64 = 1e-7;
@@ -188,8 +188,8 @@ mod tests {
             let mut levels = Levels::new(&rows);
             let (a, b) = padded(&first, &wish);
             levels.level(&a, &b).unwrap();
-            // The regularisation gives up a fraction of about 1e-8 / 0.05.
-            prop_assert!((first * levels.x() - wish).norm() < 1e-6);
+            // The regularisation gives up a fraction of about 1e-6 / 0.05.
+            prop_assert!((first * levels.x() - wish).norm() < 1e-5);
         }
     }
 }

@@ -6,37 +6,68 @@ use nalgebra::{Matrix3x6, Matrix4x6, Matrix6, Matrix6x3, RowVector6, SMatrix, Ve
 /// (1e-16), far below what still moves the tip.
 const RANK_TOLERANCE: f64 = 1e-9;
 
+/// Sweeps of the Jacobi rotations; three to six are usual for six unknowns.
+const SWEEPS: usize = 30;
+
 /// The undamped pseudo-inverse of a matrix with six columns, by a rank-revealing singular value
-/// decomposition. A matrix of zeros, or one that cannot be decomposed, gives zeros.
+/// decomposition (one-sided Jacobi, which keeps small singular values accurate). A matrix of
+/// zeros, or one with a number that is not finite, gives zeros.
 pub fn pseudo_inverse<const R: usize>(matrix: &SMatrix<f64, R, 6>) -> SMatrix<f64, 6, R> {
     let mut inverse = SMatrix::<f64, 6, R>::zeros();
     if !matrix.iter().all(|x| x.is_finite()) {
         return inverse;
     }
-    // Rows of zeros change nothing and give one decomposition for every number of rows.
-    let mut square = Matrix6::zeros();
-    for i in 0..R.min(6) {
-        for j in 0..6 {
-            square[(i, j)] = matrix[(i, j)];
+    // a = matrix' * v with v orthogonal: rotated until a's columns are orthogonal.
+    let mut a: SMatrix<f64, 6, R> = matrix.transpose();
+    let mut v = SMatrix::<f64, R, R>::identity();
+    for _ in 0..SWEEPS {
+        let mut rotated = false;
+        for p in 0..R {
+            for q in p + 1..R {
+                rotated |= orthogonalise(&mut a, &mut v, p, q);
+            }
+        }
+        if !rotated {
+            break;
         }
     }
-    let Some(svd) = square.try_svd(true, true, f64::EPSILON, 200) else {
-        return inverse;
-    };
-    let (Some(u), Some(v_t)) = (&svd.u, &svd.v_t) else {
-        return inverse;
-    };
-    let floor = svd.singular_values.max() * RANK_TOLERANCE;
-    for (k, &value) in svd.singular_values.iter().enumerate() {
-        if value > floor {
-            for i in 0..6 {
-                for j in 0..R.min(6) {
-                    inverse[(i, j)] += v_t[(k, i)] * u[(j, k)] / value;
-                }
-            }
+    let largest = a.column_iter().map(|c| c.norm()).fold(0.0, f64::max);
+    for k in 0..R {
+        let value = a.column(k).norm();
+        if value > largest * RANK_TOLERANCE && value > 0.0 {
+            inverse += a.column(k) * v.column(k).transpose() / (value * value);
         }
     }
     inverse
+}
+
+/// One Jacobi rotation of columns `p` and `q`; `false` where they are orthogonal already.
+fn orthogonalise<const R: usize>(
+    a: &mut SMatrix<f64, 6, R>,
+    v: &mut SMatrix<f64, R, R>,
+    p: usize,
+    q: usize,
+) -> bool {
+    let (pp, qq) = (a.column(p).norm_squared(), a.column(q).norm_squared());
+    let pq = a.column(p).dot(&a.column(q));
+    if pq == 0.0 || pq.abs() <= 1e-15 * (pp * qq).sqrt() {
+        return false;
+    }
+    let zeta = (qq - pp) / (2.0 * pq);
+    let t = zeta.signum() / (zeta.abs() + (1.0 + zeta * zeta).sqrt());
+    let c = 1.0 / (1.0 + t * t).sqrt();
+    let s = c * t;
+    for i in 0..6 {
+        let (x, y) = (a[(i, p)], a[(i, q)]);
+        a[(i, p)] = c * x - s * y;
+        a[(i, q)] = s * x + c * y;
+    }
+    for i in 0..R {
+        let (x, y) = (v[(i, p)], v[(i, q)]);
+        v[(i, p)] = c * x - s * y;
+        v[(i, q)] = s * x + c * y;
+    }
+    true
 }
 
 /// Jacobian of the first two tasks together: Eq. (18).

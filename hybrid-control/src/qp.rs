@@ -10,6 +10,10 @@ pub const MAX_CONSTRAINTS: usize = 40;
 /// one.
 const FEASIBLE: f64 = 1e-9;
 
+/// A row that depends on the working rows and is violated by no more than this is one of them
+/// up to rounding.
+const DEPENDENT: f64 = 1e-6;
+
 /// One row `normal . x >= bound`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Constraint<const N: usize> {
@@ -54,22 +58,99 @@ pub struct Solution<const N: usize> {
     pub multipliers: [f64; MAX_CONSTRAINTS],
 }
 
-/// The working set: which rows bind, and their multipliers.
+/// Rows in coordinates in which the Hessian is the identity.
+struct Whitened<const N: usize> {
+    normals: [SVector<f64, N>; MAX_CONSTRAINTS],
+    bounds: [f64; MAX_CONSTRAINTS],
+    /// Norms of the original normals.
+    sizes: [f64; MAX_CONSTRAINTS],
+    count: usize,
+}
+
+impl<const N: usize> Whitened<N> {
+    fn slack(&self, row: usize, z: &SVector<f64, N>) -> f64 {
+        (self.normals[row].dot(z) - self.bounds[row]) / self.sizes[row]
+    }
+}
+
+/// Which rows bind, their multipliers, and their orthonormal basis `normals = basis * factor`.
 struct Working<const N: usize> {
     rows: [usize; N],
     multipliers: [f64; N],
+    basis: [SVector<f64, N>; N],
+    factor: SMatrix<f64, N, N>,
     len: usize,
+    /// Rows that follow from the working rows.
+    implied: [bool; MAX_CONSTRAINTS],
 }
 
 impl<const N: usize> Working<N> {
-    fn contains(&self, row: usize) -> bool {
-        self.rows[..self.len].contains(&row)
+    fn new() -> Self {
+        Self {
+            rows: [0; N],
+            multipliers: [0.0; N],
+            basis: [SVector::zeros(); N],
+            factor: SMatrix::zeros(),
+            len: 0,
+            implied: [false; MAX_CONSTRAINTS],
+        }
     }
 
-    fn remove(&mut self, at: usize) {
+    fn contains(&self, row: usize) -> bool {
+        self.implied[row] || self.rows[..self.len].contains(&row)
+    }
+
+    fn remove(&mut self, at: usize, problem: &Whitened<N>) {
         self.rows.copy_within(at + 1..self.len, at);
         self.multipliers.copy_within(at + 1..self.len, at);
-        self.len -= 1;
+        let len = core::mem::take(&mut self.len) - 1;
+        // What followed from the removed row may not follow any more.
+        self.implied = [false; MAX_CONSTRAINTS];
+        for _ in 0..len {
+            self.append_basis(&problem.normals[self.rows[self.len]]);
+        }
+    }
+
+    fn push(&mut self, row: usize, multiplier: f64, problem: &Whitened<N>) {
+        self.rows[self.len] = row;
+        self.multipliers[self.len] = multiplier;
+        self.append_basis(&problem.normals[row]);
+    }
+
+    fn append_basis(&mut self, normal: &SVector<f64, N>) {
+        let k = self.len;
+        let (coefficients, rest) = self.split(normal);
+        let size = rest.norm();
+        self.factor.set_column(k, &coefficients);
+        self.factor[(k, k)] = size;
+        self.basis[k] = rest / size.max(f64::MIN_POSITIVE);
+        self.len += 1;
+    }
+
+    /// Coefficients of `normal` in the basis, and what is orthogonal to it (Gram-Schmidt, twice).
+    fn split(&self, normal: &SVector<f64, N>) -> (SVector<f64, N>, SVector<f64, N>) {
+        let mut coefficients = SVector::zeros();
+        let mut rest = *normal;
+        for _ in 0..2 {
+            for k in 0..self.len {
+                let c = self.basis[k].dot(&rest);
+                coefficients[k] += c;
+                rest -= self.basis[k] * c;
+            }
+        }
+        (coefficients, rest)
+    }
+
+    /// Change of the working multipliers for a unit multiplier of a new row.
+    fn duals(&self, coefficients: &SVector<f64, N>) -> SVector<f64, N> {
+        let mut dual = SVector::zeros();
+        for k in (0..self.len).rev() {
+            let known: f64 = (k + 1..self.len)
+                .map(|j| self.factor[(k, j)] * dual[j])
+                .sum();
+            dual[k] = (coefficients[k] - known) / self.factor[(k, k)];
+        }
+        dual
     }
 }
 
@@ -92,40 +173,48 @@ pub fn solve<const N: usize>(
     if !finite {
         return Err(QpError::NonFinite);
     }
-    let inverse = hessian.cholesky().ok_or(QpError::NotConvex)?.inverse();
-    let mut x = -(inverse * gradient);
-    let mut working = Working::<N> {
-        rows: [0; N],
-        multipliers: [0.0; N],
-        len: 0,
+    let lower = hessian.cholesky().ok_or(QpError::NotConvex)?.unpack();
+    let whiten = |v: &SVector<f64, N>| lower.solve_lower_triangular(v).ok_or(QpError::NotConvex);
+    let mut problem = Whitened {
+        normals: [SVector::zeros(); MAX_CONSTRAINTS],
+        bounds: [0.0; MAX_CONSTRAINTS],
+        sizes: [1.0; MAX_CONSTRAINTS],
+        count: rows.len(),
     };
+    for (i, row) in rows.iter().enumerate() {
+        problem.normals[i] = whiten(&row.normal)?;
+        problem.bounds[i] = row.bound;
+        problem.sizes[i] = row.normal.norm().max(1e-12);
+    }
+    let mut z = -whiten(gradient)?;
+    let mut working = Working::<N>::new();
     for _ in 0..20 * (MAX_CONSTRAINTS + N) {
-        let Some(entering) = most_violated(rows, &x, &working) else {
-            let mut multipliers = [0.0; MAX_CONSTRAINTS];
-            for k in 0..working.len {
-                multipliers[working.rows[k]] = working.multipliers[k];
-            }
-            return Ok(Solution { x, multipliers });
-        };
-        add_row(&inverse, rows, entering, &mut x, &mut working)?;
+        if let Some(entering) = most_violated(&problem, &z, &working) {
+            add_row(&problem, entering, &mut z, &mut working)?;
+            continue;
+        }
+        let mut multipliers = [0.0; MAX_CONSTRAINTS];
+        for k in 0..working.len {
+            multipliers[working.rows[k]] = working.multipliers[k];
+        }
+        let x = lower
+            .transpose()
+            .solve_upper_triangular(&z)
+            .ok_or(QpError::NotConvex)?;
+        return Ok(Solution { x, multipliers });
     }
     Err(QpError::NotConverged)
 }
 
-fn slack<const N: usize>(row: &Constraint<N>, x: &SVector<f64, N>) -> f64 {
-    row.normal.dot(x) - row.bound
-}
-
 fn most_violated<const N: usize>(
-    rows: &[Constraint<N>],
-    x: &SVector<f64, N>,
+    problem: &Whitened<N>,
+    z: &SVector<f64, N>,
     working: &Working<N>,
 ) -> Option<usize> {
     let mut worst = None;
     let mut depth = -FEASIBLE;
-    for (i, row) in rows.iter().enumerate() {
-        let size = row.normal.norm().max(1e-12);
-        let s = slack(row, x) / size;
+    for i in 0..problem.count {
+        let s = problem.slack(i, z);
         if s < depth && !working.contains(i) {
             depth = s;
             worst = Some(i);
@@ -136,87 +225,57 @@ fn most_violated<const N: usize>(
 
 /// Moves along the dual until `entering` holds, dropping rows whose multiplier reaches zero.
 fn add_row<const N: usize>(
-    inverse: &SMatrix<f64, N, N>,
-    rows: &[Constraint<N>],
+    problem: &Whitened<N>,
     entering: usize,
-    x: &mut SVector<f64, N>,
+    z: &mut SVector<f64, N>,
     working: &mut Working<N>,
 ) -> Result<(), QpError> {
-    let normal = rows[entering].normal;
+    let normal = problem.normals[entering];
     let mut multiplier = 0.0;
     for _ in 0..=2 * N {
-        let (direction, dual) = step_directions(inverse, rows, &normal, working)?;
+        let (coefficients, direction) = working.split(&normal);
+        let dual = working.duals(&coefficients);
         // Longest step that keeps every multiplier non-negative.
         let (mut dual_step, mut leaving) = (f64::INFINITY, None);
         for k in 0..working.len {
-            if dual[k] > 1e-14 && working.multipliers[k] / dual[k] < dual_step {
+            if dual[k] > 1e-12 && working.multipliers[k] / dual[k] < dual_step {
                 dual_step = working.multipliers[k] / dual[k];
                 leaving = Some(k);
             }
         }
-        let curvature = direction.dot(&normal);
-        let dependent = curvature <= 1e-12 * normal.dot(&(inverse * normal)).max(1e-300);
+        let curvature = direction.norm_squared();
+        let dependent = working.len == N || curvature <= 1e-18 * normal.norm_squared();
         let primal_step = if dependent {
             f64::INFINITY
         } else {
-            -slack(&rows[entering], x) / curvature
+            -problem.slack(entering, z) * problem.sizes[entering] / curvature
         };
         let step = dual_step.min(primal_step);
         if !step.is_finite() {
+            if problem.slack(entering, z) > -DEPENDENT {
+                working.implied[entering] = true;
+                return Ok(());
+            }
             return Err(QpError::Infeasible {
                 constraint: entering,
             });
         }
-        if primal_step.is_finite() {
-            *x += direction * step;
+        if !dependent {
+            *z += direction * step;
         }
         for k in 0..working.len {
             working.multipliers[k] -= step * dual[k];
         }
         multiplier += step;
         if primal_step <= dual_step {
-            if working.len < N {
-                working.rows[working.len] = entering;
-                working.multipliers[working.len] = multiplier;
-                working.len += 1;
-                return Ok(());
-            }
-            return Err(QpError::NotConverged);
+            working.push(entering, multiplier, problem);
+            return Ok(());
         }
         if let Some(k) = leaving {
-            working.remove(k);
+            working.remove(k, problem);
         }
     }
     Err(QpError::NotConverged)
-}
-
-/// Primal direction that keeps the working rows, and the change of their multipliers.
-fn step_directions<const N: usize>(
-    inverse: &SMatrix<f64, N, N>,
-    rows: &[Constraint<N>],
-    normal: &SVector<f64, N>,
-    working: &Working<N>,
-) -> Result<(SVector<f64, N>, SVector<f64, N>), QpError> {
-    let free = inverse * normal;
-    if working.len == 0 {
-        return Ok((free, SVector::zeros()));
-    }
-    let mut gram = SMatrix::<f64, N, N>::identity();
-    let mut right = SVector::<f64, N>::zeros();
-    for a in 0..working.len {
-        let row = rows[working.rows[a]].normal;
-        let image = inverse * row;
-        right[a] = row.dot(&free);
-        for b in 0..working.len {
-            gram[(a, b)] = rows[working.rows[b]].normal.dot(&image);
-        }
-    }
-    let dual = gram.cholesky().ok_or(QpError::NotConverged)?.solve(&right);
-    let mut direction = free;
-    for a in 0..working.len {
-        direction -= inverse * rows[working.rows[a]].normal * dual[a];
-    }
-    Ok((direction, dual))
 }
 
 #[cfg(test)]
@@ -308,7 +367,7 @@ mod tests {
             if let Ok(s) = solve(&h, &g, &rows) {
                 let mut stationarity = h * s.x + g;
                 for (i, row) in rows.iter().enumerate() {
-                    let gap = slack(row, &s.x);
+                    let gap = row.normal.dot(&s.x) - row.bound;
                     prop_assert!(gap > -1e-8);
                     prop_assert!(s.multipliers[i] >= -1e-9);
                     prop_assert!((gap * s.multipliers[i]).abs() < 1e-7 * (1.0 + s.multipliers[i]));

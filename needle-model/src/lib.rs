@@ -29,6 +29,10 @@ mod sensitivity;
 
 mod measures;
 
+mod bed;
+
+mod predictive;
+
 mod case;
 
 mod insertion;
@@ -41,6 +45,7 @@ pub use jacobian::{TangentError, jacobian_in_frames};
 pub use measures::mean_tissue_displacement;
 pub use needle::{Needle, NeedleError, second_moment_of_area};
 pub use piece::TipLoad;
+pub use predictive::{Authority, PathLaw, Prediction, PredictionError, Rollout, prediction_frame};
 pub use segment::{Segment, curvature_gap, derivative_gap, position_gap};
 pub use sensitivity::{
     Gradient, LOAD, PARAMETERS, STIFFNESS, Sensitivities, TwistRates, VectorRates,

@@ -3,6 +3,7 @@
 //! * [`camera`]: camera models, refraction through the container's walls, triangulation.
 //! * [`detect`]: chessboards in images.
 //! * [`calibrate`]: from corners to a rig with covariance.
+//! * [`files`]: calibrations and images on disk.
 #![cfg_attr(
     test,
     allow(clippy::float_cmp, reason = "tests compare exact constructions")
@@ -11,6 +12,7 @@
 pub mod calibrate;
 pub mod camera;
 pub mod detect;
+pub mod files;
 mod homography;
 
 pub use camera::{Camera, DistortedPx, StereoRig, UndistortedPx};

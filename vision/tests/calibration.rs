@@ -86,7 +86,7 @@ fn opencvs_corners_give_opencvs_parameters() {
         "dy",
         c.rectified_dy.rms_px,
         &opencv["rectified_dy_rms_px"],
-        0.0,
+        1e-4,
     );
     for (camera, k, d) in [(c.rig.left, "K1", "D1"), (c.rig.right, "K2", "D2")] {
         let m: Matrix3<f64> = camera.matrix();

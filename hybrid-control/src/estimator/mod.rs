@@ -228,6 +228,9 @@ impl Estimator {
             .world_from_insertion
             .inverse_transform_vector(&o.direction);
         self.observations += 1;
+        if self.observations == 1 {
+            self.lay_first_path(&position.coords.xy(), &axis);
+        }
         let m = &mut self.measured;
         let slope = planar(&m.rod.tip_slope());
         let by_position = m.rod.tip_slope()[TIP];
@@ -356,6 +359,24 @@ impl Estimator {
     /// Vector in World of a lateral vector of the insertion frame.
     pub fn lateral(&self, vector: &Vector2<f64>) -> Vector3<f64> {
         self.world_from_insertion.rotation * Vector3::new(vector.x, vector.y, 0.0)
+    }
+
+    /// The path so far is straight, from where the first measurement says that it began: the
+    /// base's own error must not look like stretched tissue.
+    fn lay_first_path(&mut self, tip: &Vector2<f64>, axis: &Vector3<f64>) {
+        if axis.z < 0.3 {
+            return;
+        }
+        let m = &mut self.measured;
+        let slope = Vector2::new(axis.x / axis.z, axis.y / axis.z);
+        let depth = m.path.tip_depth();
+        m.path.for_each(|z, row| {
+            let c = tip - slope * (depth - z);
+            row[X] = c.x;
+            row[Y] = c.y;
+        });
+        m.filter.x.fixed_rows_mut::<2>(0).copy_from(tip);
+        m.rod.solve(&self.constants, &m.clamp, &m.path);
     }
 
     fn advance_measured(&mut self, base: &Isometry3<f64>) {

@@ -3,7 +3,7 @@
 use hal::Twist;
 use hal::telemetry::SteeringMode;
 
-use crate::laws::paper::pivot_rate;
+use crate::laws::paper::{beside, insertion_part, pivot_rate};
 use crate::settings::PaperSettings;
 use crate::tasks::target_velocity;
 use crate::view::{Decision, Law, View, blank_report};
@@ -37,8 +37,12 @@ impl Law for BaseOnly {
         );
         report.heading_error = crate::duty_cycle::heading_angle(&desired);
         report.base_authority = view.estimator.pivot_authority();
+        report.shortfall = beside(view);
         let omega = pivot_rate(view, springs, &desired, &self.settings);
-        let (pivot, screw) = (view.pivot(&omega), view.screw(desired.z, 0.0));
+        let (pivot, screw) = (
+            view.pivot(&omega),
+            view.screw(insertion_part(&desired), 0.0),
+        );
         Decision {
             twist: Twist {
                 linear: pivot.linear + screw.linear,

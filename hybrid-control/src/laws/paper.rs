@@ -41,6 +41,7 @@ impl Law for Paper {
         let desired = target_velocity(&self.steering.heading(view), view.insertion_speed);
         let command = self.steering.step(view, &desired, &mut report);
         report.base_authority = view.estimator.pivot_authority();
+        report.shortfall = beside(view);
         let tasks = tasks(view, springs, &desired, command.spin, s);
         let mut v = if s.pivot_only {
             let omega = pivot_rate(view, springs, &desired, s);
@@ -113,6 +114,24 @@ pub(super) fn pivot_rate(
     };
     let rates = j.transpose() * inverse * desired.xy() * gate;
     (e1 * rates.x + e2 * rates.y).cap_magnitude(view.limits.tilt_speed_deg_s.to_radians())
+}
+
+/// Axial part of a desired tip velocity, but at least half of its size: a target beside the tip
+/// is passed, not approached for ever.
+pub(super) fn insertion_part(desired: &Vector3<f64>) -> f64 {
+    desired.z.max(0.5 * desired.norm())
+}
+
+/// How far a target lies beside the tip that is no longer in front of it (more than 60 degrees
+/// off the axis) \[m\]; NaN while it is in front.
+pub(super) fn beside(view: &View<'_>) -> f64 {
+    let seen = view.tip.locate(&view.target.position);
+    let lateral = seen.xy().norm();
+    if lateral > 3_f64.sqrt() * seen.z {
+        lateral
+    } else {
+        f64::NAN
+    }
 }
 
 /// The manipulation Jacobian with the tip twist in the axes of the tip.

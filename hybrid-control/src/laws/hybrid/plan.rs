@@ -119,7 +119,8 @@ fn room(view: &View<'_>) -> (f64, f64) {
 fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpError> {
     let per_degree = 1_f64.to_radians();
     let pivot_fade = fade(r.pivot * per_degree, s.pivot_fade_mm_deg * MILLIMETRE);
-    let shift_fade = fade(r.shift.abs(), s.shift_fade);
+    // A shift tilts the tip the other way as long as it steers at all.
+    let shift_fade = fade(-r.shift, s.shift_fade);
     let (tilt_room, offset_room) = room(view);
     let pivot_unit = s.pivot_weight_deg.to_radians();
     let shift_unit = s.shift_weight_mm * MILLIMETRE;
@@ -184,7 +185,7 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
     let x = levels.x();
     let two = |at: usize| Vector2::new(x[at], x[at + 1]);
     let residual = (r.miss / MILLIMETRE - miss * x).norm() * MILLIMETRE;
-    let reach = r.bevel + r.pivot.max(0.0) * pivot_most + r.shift.abs() * shift_most;
+    let reach = r.bevel + r.pivot.max(0.0) * pivot_most + (-r.shift).max(0.0) * shift_most;
     let binds = |group: usize| (0..SIDES).any(|i| first.multipliers[group * SIDES + i] > 1e-6);
     let unload = if s.unload && r.entry_per_shift.abs() > 0.05 {
         -r.entry_stretch / r.entry_per_shift * (1.0 - shift_fade)
