@@ -3,5 +3,7 @@
 
 mod arm_contract;
 mod arrows;
+mod calibration_truth;
 mod equations;
 mod tidy;
+mod viper_contract;
