@@ -1,6 +1,6 @@
 //! Settings of the stereo rig. Defaults are the default rig with every flaw off.
 //!
-//! "Assumed" values have no source in [Chevrie2016]; they are typical of machine-vision cameras
+//! "Assumed" values have no source in \[Chevrie2016\]; they are typical of machine-vision cameras
 //! before a gelatin phantom.
 
 use serde::{Deserialize, Serialize};
