@@ -329,9 +329,9 @@ fn t04_reset_and_end_of_the_connection_fault_and_the_arm_stands() {
 #[test]
 fn t04_silence_on_the_wire_faults_and_the_controllers_watchdog_brakes() {
     let (rig, proxies) = through_proxies(false);
-    proxies
-        .iter()
-        .for_each(|proxy| proxy.silent.store(true, Ordering::Relaxed));
+    for proxy in &proxies {
+        proxy.silent.store(true, Ordering::Relaxed);
+    }
     eventually("fault", || matches!(rig.mode(), ArmMode::Faulted(_)));
     let ArmMode::Faulted(reason) = rig.mode() else {
         panic!()
