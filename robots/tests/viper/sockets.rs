@@ -150,6 +150,8 @@ fn t18_a_second_client_is_refused_and_the_first_is_not_disturbed() {
     let config = config(Dialect::Steer, rig.server.motion, rig.server.state);
     let second = ViperArm::connect(config, Arc::clone(&rig.now)).unwrap();
     eventually("refusal", || {
+        // However slow this machine is, the first client goes on meanwhile.
+        rig.command(slow()).unwrap();
         matches!(
             second.monitor().link_error(),
             LinkError::Closed | LinkError::Broken { .. }
