@@ -3,7 +3,8 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
-use crate::equilibrium::{Equilibrium, EquilibriumError};
+use crate::equilibrium::Equilibrium;
+use crate::equilibrium_error::EquilibriumError;
 use crate::jacobian::{TangentError, jacobian_in_frames};
 use crate::needle::{Needle, NeedleError};
 use crate::piece::TipLoad;

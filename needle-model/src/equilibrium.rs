@@ -7,9 +7,9 @@
 //! exact, so at convergence it also gives every derivative (module `jacobian`).
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use thiserror::Error;
 
-use crate::block::{Block, Bordered, Singular, Square, WIDE};
+use crate::block::{Block, Bordered, Singular};
+use crate::equilibrium_error::{EquilibriumError, validate};
 use crate::needle::Needle;
 use crate::piece::{Node, Piece, TipInput, TipLoad, TipPiece};
 use crate::segment::Segment;
@@ -23,78 +23,6 @@ const RELAXATIONS: usize = 3;
 const MAX_TURN: f64 = 0.5;
 /// Arm that turns a change of slope into a length, for the tolerance \[m\].
 const SLOPE_ARM: f64 = 0.01;
-
-/// Why there is no equilibrium.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-pub enum EquilibriumError {
-    /// The base pose has a coordinate that is not finite.
-    #[error("the base pose is not finite")]
-    BasePose,
-    /// The tip load is not finite.
-    #[error("the tip load is not finite: force {force_n} N, moment {moment_nm} N m")]
-    TipLoad {
-        /// Force \[N\].
-        force_n: f64,
-        /// End moment \[N m\].
-        moment_nm: f64,
-    },
-    /// A rest point has a coordinate that is not finite.
-    #[error("spring {index}: the rest point is not finite")]
-    RestPoint {
-        /// Offending spring, from 0 at the surface.
-        index: usize,
-    },
-    /// A stiffness that is not finite and positive (0 is accepted for a newborn spring).
-    #[error(
-        "spring {index}: stiffness must be finite and not negative, got {stiffness_n_per_m} N/m"
-    )]
-    Stiffness {
-        /// Offending spring.
-        index: usize,
-        /// Offending stiffness \[N/m\].
-        stiffness_n_per_m: f64,
-    },
-    /// A rest point not in front of the base.
-    #[error("spring {index} lies {ahead_m} m ahead of the base along its axis: behind the base")]
-    BehindBase {
-        /// Offending spring.
-        index: usize,
-        /// Distance along the base axis \[m\].
-        ahead_m: f64,
-    },
-    /// Rest points not in order from the base to the tip.
-    #[error(
-        "spring {index} is out of order: {ahead_m} m ahead of the one before along the base axis"
-    )]
-    Order {
-        /// Offending spring.
-        index: usize,
-        /// Distance along the base axis \[m\].
-        ahead_m: f64,
-    },
-    /// The needle does not reach its last spring.
-    #[error("the needle is too short: {needed_m} m to its last spring, length {length_m} m")]
-    TooShort {
-        /// Arc length up to the last spring \[m\].
-        needed_m: f64,
-        /// Needle length \[m\].
-        length_m: f64,
-    },
-    /// Newton's method did not reach the tolerance.
-    #[error("no equilibrium after {iterations} iterations (last step {last_step_m} m)")]
-    NotConverged {
-        /// Iterations done.
-        iterations: usize,
-        /// Last step \[m\].
-        last_step_m: f64,
-    },
-    /// The tangent is singular: the needle buckles or folds back.
-    #[error("the needle is unstable: singular tangent at iteration {iteration}")]
-    Unstable {
-        /// Iteration at which it happened.
-        iteration: usize,
-    },
-}
 
 /// How an equilibrium was reached.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -121,11 +49,11 @@ pub struct Equilibrium {
     pub(crate) tip: TipPiece,
     pub(crate) pieces: Vec<Piece>,
     pub(crate) system: Bordered,
-    rhs: Vec<Block<5, 1>>,
+    pub(crate) rhs: Vec<Block<5, 1>>,
     tolerance: f64,
     convergence: Convergence,
     /// Length of the last step when `system` was factored within it of the present state.
-    factored_within: f64,
+    pub(crate) factored_within: f64,
 }
 
 impl Equilibrium {
@@ -376,7 +304,7 @@ impl Equilibrium {
         Some(spring)
     }
 
-    fn settle_tip(&mut self) {
+    pub(crate) fn settle_tip(&mut self) {
         let input = self.tip_input();
         let d = self.nodes[self.springs.len()].d;
         self.tip = TipPiece::new(&input, &d, self.tip_length, self.theta, self.tip.y);
@@ -390,181 +318,6 @@ impl Equilibrium {
             z: base.d,
             y: base.e[1],
         }
-    }
-
-    /// Factors the tangent at the present state, leaving minus the residual in `rhs`.
-    ///
-    /// `frozen` planes and lengths make the tangent that of the fixed-point step.
-    #[expect(
-        clippy::too_many_lines,
-        reason = "one pass over the nodes, in the equations' order"
-    )]
-    pub(crate) fn linearize(&mut self, frozen: bool) -> Result<Block<2, 1>, Singular> {
-        self.factored_within = 0.0;
-        let n = self.springs.len();
-        let (z, x) = (self.nodes[0].d, self.nodes[0].e[0]);
-        for (node, spring) in self.nodes[1..].iter_mut().zip(&self.springs) {
-            node.refresh(&z, &x, &spring.rest);
-            if frozen {
-                node.w = Vector3::zeros();
-            }
-        }
-        self.settle_tip();
-        self.pieces.resize(n, Piece::default());
-        self.system.clear();
-        self.rhs.clear();
-
-        let tip = &self.tip;
-        let load = self.load;
-        // Residuals of total length and roll, with the pieces' own corrections.
-        let mut length = tip.arc - self.needle.length();
-        let mut roll = tip.roll - self.theta;
-        for i in 1..=n {
-            let piece = &mut self.pieces[i - 1];
-            piece.set(
-                self.stiffness,
-                &self.nodes[i - 1],
-                &self.nodes[i],
-                &z,
-                i == 1,
-            );
-            if frozen {
-                piece.freeze();
-            }
-            length += self.nodes[i].l + piece.slack;
-            roll += piece.roll + piece.roll_l * piece.slack;
-        }
-        for i in 1..=n {
-            let (node, piece) = (&self.nodes[i], &self.pieces[i - 1]);
-            let after = self.pieces.get(i);
-            let spring = &self.springs[i - 1];
-
-            let mut force = piece.shear
-                + piece.shear_l * piece.slack
-                + (node.p - spring.rest) * spring.stiffness;
-            let mut moment = piece.end + piece.end_l * piece.slack;
-            let mut by_p = piece.l_by[0];
-            let mut by_d = piece.l_by[2];
-            let mut roll_p = piece.roll_by[0];
-            let mut roll_d = piece.roll_by[2];
-
-            let mut diagonal = coupling(
-                node,
-                node,
-                piece.alpha,
-                -piece.beta,
-                -piece.beta,
-                piece.gamma,
-            );
-            add_outer(
-                &mut diagonal,
-                &node.project(&piece.shear_l, &piece.end_l),
-                &node.reduce(&piece.l_by[0], &piece.l_by[2]),
-            );
-            let mut lower = [[0.0; WIDE]; 5];
-            if i > 1 {
-                let before = &self.nodes[i - 1];
-                lower = coupling(
-                    node,
-                    before,
-                    -piece.alpha,
-                    -piece.beta,
-                    piece.beta,
-                    piece.gamma / 2.0,
-                );
-                add_outer(
-                    &mut lower,
-                    &node.project(&piece.shear_l, &piece.end_l),
-                    &before.reduce(&-piece.l_by[0], &piece.l_by[1]),
-                );
-            }
-            let mut upper = [[0.0; WIDE]; 5];
-            if let Some(after) = after {
-                force -= after.shear + after.shear_l * after.slack;
-                moment += after.start + after.start_l * after.slack;
-                by_p -= after.l_by[0];
-                by_d += after.l_by[1];
-                roll_p -= after.roll_by[0];
-                roll_d += after.roll_by[1];
-                let own = coupling(node, node, after.alpha, after.beta, after.beta, after.gamma);
-                let rows = node.project(&-after.shear_l, &after.start_l);
-                add(&mut diagonal, &own);
-                add_outer(
-                    &mut diagonal,
-                    &rows,
-                    &node.reduce(&-after.l_by[0], &after.l_by[1]),
-                );
-                let next = &self.nodes[i + 1];
-                upper = coupling(
-                    node,
-                    next,
-                    -after.alpha,
-                    after.beta,
-                    -after.beta,
-                    after.gamma / 2.0,
-                );
-                add_outer(
-                    &mut upper,
-                    &rows,
-                    &next.reduce(&after.l_by[0], &after.l_by[2]),
-                );
-            } else {
-                // The tip's piece: its load is carried by the last node.
-                force -= tip.y * load.force;
-                moment -= tip.y * tip.moment;
-                for r in 0..2 {
-                    let row = node.e[r].transpose() * tip.y_d * load.force;
-                    for c in 0..3 {
-                        diagonal[r][2 + c] -= row[c];
-                    }
-                }
-                for r in 0..3 {
-                    for c in 0..3 {
-                        diagonal[2 + r][2 + c] -= tip.moment * tip.y_d[(r, c)];
-                    }
-                }
-                by_d += tip.arc_d + tip.y_d.tr_mul(&tip.arc_y);
-                roll_d += tip.roll_d + tip.y_d.tr_mul(&tip.roll_y);
-            }
-            diagonal[0][0] += spring.stiffness;
-            diagonal[1][1] += spring.stiffness;
-            // The plane turns with the needle: its reaction tilts into the balance.
-            let reaction = if frozen {
-                0.0
-            } else {
-                node.n.dot(&force) / node.d.norm()
-            };
-            for r in 0..2 {
-                for c in 0..3 {
-                    diagonal[r][2 + c] -= reaction * node.e[r][c];
-                }
-            }
-            let border = [node.reduce(&by_p, &by_d), node.reduce(&roll_p, &roll_d)];
-            self.system.push(&lower, &diagonal, &upper, &border)?;
-            self.rhs.push(node.project(&force, &moment).map(|v| [-v]));
-        }
-        let mut column = [[0.0; 2]; 5];
-        if n > 0 {
-            let node = &self.nodes[n];
-            let by_l = node.project(
-                &(tip.y_l * -load.force),
-                &(tip.y_l * -tip.moment - tip.y * load.force),
-            );
-            let by_theta = node.project(&(tip.y_theta * -load.force), &(tip.y_theta * -tip.moment));
-            column = std::array::from_fn(|r| [by_l[r], by_theta[r]]);
-        }
-        let corner = [
-            [
-                tip.arc_l + tip.arc_y.dot(&tip.y_l),
-                tip.arc_y.dot(&tip.y_theta),
-            ],
-            [
-                tip.roll_l + tip.roll_y.dot(&tip.y_l),
-                tip.roll_y.dot(&tip.y_theta) - 1.0,
-            ],
-        ];
-        self.system.close(&column, &corner)?;
-        Ok([[-length], [-roll]])
     }
 
     /// One Newton step; returns its length \[m\].
@@ -736,96 +489,9 @@ impl Equilibrium {
     }
 }
 
-fn validate(
-    base: &Isometry3<f64>,
-    springs: &[Spring],
-    load: TipLoad,
-) -> Result<(), EquilibriumError> {
-    let position = base.translation.vector;
-    if !position
-        .iter()
-        .chain(base.rotation.coords.iter())
-        .all(|v| v.is_finite())
-    {
-        return Err(EquilibriumError::BasePose);
-    }
-    if !(load.force.is_finite() && load.bending.is_finite()) {
-        return Err(EquilibriumError::TipLoad {
-            force_n: load.force,
-            moment_nm: load.bending,
-        });
-    }
-    let z = base * Vector3::z();
-    let mut before = position;
-    for (index, spring) in springs.iter().enumerate() {
-        if !spring.rest.iter().all(|v| v.is_finite()) {
-            return Err(EquilibriumError::RestPoint { index });
-        }
-        if !(spring.stiffness.is_finite() && spring.stiffness >= 0.0) {
-            let stiffness_n_per_m = spring.stiffness;
-            return Err(EquilibriumError::Stiffness {
-                index,
-                stiffness_n_per_m,
-            });
-        }
-        let ahead_m = z.dot(&(spring.rest - before));
-        if !(ahead_m > 0.0) {
-            return Err(if index == 0 {
-                EquilibriumError::BehindBase { index, ahead_m }
-            } else {
-                EquilibriumError::Order { index, ahead_m }
-            });
-        }
-        before = spring.rest;
-    }
-    Ok(())
-}
-
 /// The vector with coordinates far below any length made 0: in a plane needle the rounding noise
 /// across the plane shrinks with every step, down to slow subnormal numbers.
 #[inline]
 fn settled(v: &Vector3<f64>) -> Vector3<f64> {
     v.map(|x| if x.abs() < 1e-40 { 0.0 } else { x })
-}
-
-/// Block between equations of `row` and unknowns of `column` for coefficients times the identity:
-/// force by position, force by derivative, moment by position, moment by derivative.
-#[inline]
-fn coupling(row: &Node, column: &Node, pp: f64, pd: f64, dp: f64, dd: f64) -> Square {
-    let mut m = [[0.0; WIDE]; 5];
-    for r in 0..2 {
-        let (e, slip) = (&row.e[r], pp * row.e[r].dot(&column.n));
-        m[r][0] = pp * e.dot(&column.e[0]);
-        m[r][1] = pp * e.dot(&column.e[1]);
-        for c in 0..3 {
-            m[r][2 + c] = pd * e[c] - slip * column.w[c];
-        }
-    }
-    for r in 0..3 {
-        m[2 + r][0] = dp * column.e[0][r];
-        m[2 + r][1] = dp * column.e[1][r];
-        for c in 0..3 {
-            m[2 + r][2 + c] = -dp * column.n[r] * column.w[c];
-        }
-        m[2 + r][2 + r] += dd;
-    }
-    m
-}
-
-#[inline]
-fn add(m: &mut Square, other: &Square) {
-    for r in 0..5 {
-        for c in 0..WIDE {
-            m[r][c] += other[r][c];
-        }
-    }
-}
-
-#[inline]
-fn add_outer(m: &mut Square, rows: &[f64; 5], columns: &[f64; WIDE]) {
-    for r in 0..5 {
-        for c in 0..WIDE {
-            m[r][c] += rows[r] * columns[c];
-        }
-    }
 }

@@ -8,7 +8,8 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 use thiserror::Error;
 
-use crate::equilibrium::{Equilibrium, EquilibriumError};
+use crate::equilibrium::Equilibrium;
+use crate::equilibrium_error::EquilibriumError;
 use crate::jacobian::TangentError;
 use crate::piece::TipLoad;
 use crate::sensitivity::{LOAD, STIFFNESS, Sensitivities};

@@ -24,6 +24,10 @@ mod piece;
 
 mod block;
 
+mod equilibrium_error;
+
+mod assembly;
+
 mod equilibrium;
 
 mod balance;
@@ -46,12 +50,15 @@ mod kinematic;
 
 mod case;
 
+mod tip_law;
+
 mod insertion;
 
 pub use balance::{Residuals, normal_force, shear_residual, tip_moment_residual};
 pub use bevel::{Bevel, BevelError, BevelLoad, cut_angle};
 pub use case::{Case, CaseError, CaseShape};
-pub use equilibrium::{Convergence, Equilibrium, EquilibriumError};
+pub use equilibrium::{Convergence, Equilibrium};
+pub use equilibrium_error::EquilibriumError;
 pub use estimation::{Estimate, EstimationError, EstimationSettings, Estimator, Unknowns};
 pub use insertion::{Insertion, InsertionError, InsertionSettings, RestPoint};
 pub use jacobian::{TangentError, jacobian_in_frames};

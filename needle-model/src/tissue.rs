@@ -3,7 +3,7 @@
 use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
-/// Stiffness per length above `from_depth`'s successor, from `from_depth` downwards.
+/// A layer of tissue, from `from_depth` down to the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layer {
     /// Depth of the layer's upper face below the surface \[m\].
