@@ -1,9 +1,4 @@
 //! Equilibrium, derivatives, insertion, estimation and roll-out of the needle model.
-#![expect(
-    missing_docs,
-    reason = "criterion's macros generate undocumented items"
-)]
-
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};

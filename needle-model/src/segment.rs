@@ -147,7 +147,7 @@ mod tests {
         // (l, l^2 / 2) from 0 to 1: (sqrt 2 + asinh 1) / 2.
         let z = Vector3::zeros();
         let coefficients = [z, Vector3::x(), Vector3::y() / 2.0, z];
-        let exact = (2_f64.sqrt() + 1_f64.asinh()) / 2.0;
+        let exact = f64::midpoint(2_f64.sqrt(), 1_f64.asinh());
         let arc = Segment {
             coefficients,
             length: 1.0,

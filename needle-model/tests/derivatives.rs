@@ -1,5 +1,7 @@
 //! Analytic derivatives against converged finite differences.
 
+#![expect(clippy::unwrap_used, reason = "a failed set-up fails the test")]
+
 mod random;
 
 use nalgebra::{DVector, Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
@@ -90,7 +92,7 @@ fn gradients(needle: &Equilibrium, out: &Sensitivities) -> nalgebra::DMatrix<f64
         .collect();
     let mut rows: Vec<nalgebra::DMatrix<f64>> = vec![];
     let mut push = |m: &dyn Fn(usize, usize) -> f64, r: usize| {
-        rows.push(nalgebra::DMatrix::from_fn(r, PARAMETERS, |r, c| m(r, c)));
+        rows.push(nalgebra::DMatrix::from_fn(r, PARAMETERS, m));
     };
     let g = out.mean_stretch(needle);
     push(&|_, c| g[c], 1);
@@ -107,7 +109,8 @@ fn gradients(needle: &Equilibrium, out: &Sensitivities) -> nalgebra::DMatrix<f64
     for p in &points {
         push(&|r, c| p[(r, c)], 3);
     }
-    let mut all = nalgebra::DMatrix::zeros(rows.iter().map(|m| m.nrows()).sum(), PARAMETERS);
+    let mut all =
+        nalgebra::DMatrix::zeros(rows.iter().map(nalgebra::DMatrix::nrows).sum(), PARAMETERS);
     let mut at = 0;
     for m in rows {
         all.rows_mut(at, m.nrows()).copy_from(&m);

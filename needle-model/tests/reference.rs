@@ -1,5 +1,7 @@
 //! The frozen equilibria of `tests/data/needle` (see its README), through [`Case`].
 
+#![expect(clippy::unwrap_used, reason = "a failed set-up fails the test")]
+
 use needle_model::{Case, CaseError, EquilibriumError};
 use serde_json::Value;
 
