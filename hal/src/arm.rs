@@ -156,7 +156,7 @@ pub trait Arm: Send {
     fn reset(&mut self) -> Result<(), Error>;
 }
 
-impl<A: Arm + ?Sized> Arm for Box<A> {
+impl<T: Arm + ?Sized> Arm for Box<T> {
     fn description(&self) -> &ArmDescription {
         (**self).description()
     }

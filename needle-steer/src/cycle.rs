@@ -88,7 +88,10 @@ impl Cycle {
     pub fn new(config: &Config, bearings: Bearings, state: &ArmState) -> Result<Self, CycleError> {
         let world_from_base = base_pose(&bearings, state);
         let inward = config.inward();
-        let entry = Entry { point: entry_point(config, &world_from_base), inward };
+        let entry = Entry {
+            point: entry_point(config, &world_from_base),
+            inward,
+        };
         let needle = springs::needle(config).map_err(SpringsError::Needle)?;
         let start = Start {
             length: needle.length(),
@@ -147,7 +150,7 @@ impl Cycle {
         let tip = self.estimator.predict(snapshot.now, &base);
         let springs = self.model(&base, &tip);
         let target = self.target_in_world(&tip);
-        let decision = self.decide(snapshot, &base, &tip, springs, target);
+        let decision = self.decide(snapshot, &base, &tip, springs.as_ref(), target);
         let rates = self.joint_rates(snapshot.arm, &decision.twist);
         self.report(snapshot, &base, &tip, target, measured, decision, rates);
         &self.telemetry
@@ -165,7 +168,10 @@ impl Cycle {
         let world_from_camera = &self.bearings.world_from_left_camera;
         self.shaft.clear();
         self.shaft.extend(
-            shape.points.iter().map(|p| (*(*world_from_camera * p.position).point(), p.sigma)),
+            shape
+                .points
+                .iter()
+                .map(|p| (*(*world_from_camera * p.position).point(), p.sigma)),
         );
         if let Some(world_from_base) = self.odometry.at(shape.stamp) {
             let variance = shape.tip.covariance.trace() / 3.0;
@@ -189,7 +195,10 @@ impl Cycle {
 
     /// Springs model at the present base, its springs born at the filtered tip.
     fn model(&mut self, base: &Isometry3<f64>, tip: &Tip) -> Option<Springs> {
-        let measured = tip.age.is_finite().then(|| tip.world_from_tip.translation.vector);
+        let measured = tip
+            .age
+            .is_finite()
+            .then_some(tip.world_from_tip.translation.vector);
         let (stiffness, sigma) = self.estimator.stiffness();
         self.telemetry.model.stiffness = stiffness;
         self.telemetry.model.stiffness_sigma = sigma;
@@ -204,7 +213,10 @@ impl Cycle {
             // None set yet: far ahead on the tip axis.
             None => Point3::from(tip.world_from_tip.translation.vector + tip.axis()),
         };
-        Target { position, velocity: Vector3::zeros() }
+        Target {
+            position,
+            velocity: Vector3::zeros(),
+        }
     }
 
     fn decide(
@@ -212,7 +224,7 @@ impl Cycle {
         snapshot: &Snapshot<'_>,
         base: &Isometry3<f64>,
         tip: &Tip,
-        springs: Option<Springs>,
+        springs: Option<&Springs>,
         target: Target,
     ) -> Decision {
         let view = View {
@@ -223,7 +235,7 @@ impl Cycle {
             entry: self.entry,
             depth: self.estimator.depth().max(0.0),
             world_from_base: *base,
-            springs,
+            springs: springs.copied(),
             estimator: &self.estimator,
             roll_travel: self.roll_travel(snapshot.arm),
             limits: &self.limits,
@@ -240,10 +252,16 @@ impl Cycle {
     fn roll_travel(&self, arm: &ArmState) -> RollTravel {
         let (Some(q), Some(limit)) = (arm.positions.last(), self.bearings.chain.limits().last())
         else {
-            return RollTravel { positive: 0.0, negative: 0.0 };
+            return RollTravel {
+                positive: 0.0,
+                negative: 0.0,
+            };
         };
         let left = TurnBudget::new(limit, TURN_MARGIN).remaining(*q);
-        RollTravel { positive: left.positive, negative: left.negative }
+        RollTravel {
+            positive: left.positive,
+            negative: left.negative,
+        }
     }
 
     fn joint_rates(&self, arm: &ArmState, twist: &Twist) -> robots::kinematics::TwistRates {
@@ -252,7 +270,9 @@ impl Cycle {
             linear: arm_base_from_world.rotate(&twist.linear),
             angular: arm_base_from_world.rotate(&twist.angular),
         };
-        self.bearings.chain.rates(&arm.positions, &in_arm_base, &self.rates)
+        self.bearings
+            .chain
+            .rates(&arm.positions, &in_arm_base, &self.rates)
     }
 
     #[expect(clippy::too_many_arguments, reason = "one for each stage of the step")]
@@ -342,7 +362,10 @@ fn first_telemetry(
         lateral_error: f64::NAN,
         axial_distance: f64::NAN,
         depth: 0.0,
-        law: hal::telemetry::LawReport { mode: SteeringMode::Hold, ..Default::default() },
+        law: hal::telemetry::LawReport {
+            mode: SteeringMode::Hold,
+            ..Default::default()
+        },
         model: ModelReport::default(),
         truth: None,
     }

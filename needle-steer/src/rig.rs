@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use hal::frame::{ArmBase, LeftCamera, World};
-use hal::guarded::{Guard, LimiterError, Guarded, Limiter, SpeedCaps};
+use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::{Arm, Clock, Recorded, ShapeSensor, Transform};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
@@ -88,13 +88,19 @@ impl Rig {
         let in_arm_base = world_from_arm_base.isometry().inverse() * start;
         let joints = start_joints(&chain, &in_arm_base).ok_or_else(|| {
             let p = start.translation.vector * 1e3;
-            RigBuildError::StartUnreachable { position_mm: [p.x, p.y, p.z] }
+            RigBuildError::StartUnreachable {
+                position_mm: [p.x, p.y, p.z],
+            }
         })?;
 
-        let settings = phantom::Settings::preset(&config.run.phantom)?
-            .overridden(config.phantom.clone())?;
+        let settings =
+            phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
         let world_from_entry = config.world_from_entry();
-        let cameras = StereoRig::new(&CameraSettings::default(), &world_from_entry, config.run.seed)?;
+        let cameras = StereoRig::new(
+            &CameraSettings::default(),
+            &world_from_entry,
+            config.run.seed,
+        )?;
         let left_from_world = cameras.truth().left_from_world;
         let bench = Bench::new(
             &settings,
@@ -109,15 +115,11 @@ impl Rig {
         let arm = SimulatedArm::new(&chain, &joints, SimSettings::default())?;
         let driver: Box<dyn Arm> = Box::new(arm.driver());
         let period = driver.description().period;
-        let world =
-            SimulatedWorld::new(Box::new(arm), chain.clone(), world_from_arm_base, bench);
+        let world = SimulatedWorld::new(Box::new(arm), chain.clone(), world_from_arm_base, bench);
         let moved = world.clone();
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
-        let guard = Guard::new(limiter).with_tool(
-            Box::new(chain.clone()),
-            None,
-            SpeedCaps::INSERTING,
-        );
+        let guard =
+            Guard::new(limiter).with_tool(Box::new(chain.clone()), None, SpeedCaps::INSERTING);
         Ok(Self {
             clock: Box::new(LockstepClock::new(TICK, move |now| moved.advance_to(now))),
             arm: Recorded::new(Guarded::new(driver, guard)?, EVENTS),
@@ -139,7 +141,9 @@ impl Rig {
 
 impl core::fmt::Debug for Rig {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("Rig").field("bearings", &self.bearings).finish_non_exhaustive()
+        f.debug_struct("Rig")
+            .field("bearings", &self.bearings)
+            .finish_non_exhaustive()
     }
 }
 

@@ -11,7 +11,7 @@ use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
 use crate::rig::{Rig, RigBuildError};
 use crate::supervisor::{Bounds, Supervisor, Verdict};
-use crate::world::{in_stereo_frame, place_target};
+use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 
 /// Longest wait for a law step when no image comes \[s\]: then the law runs on prediction.
@@ -96,7 +96,7 @@ struct Insertion<'a> {
     supervisor: Supervisor,
     reach: ReachMonitor,
     phase: Phase,
-    pre_insertion: f64,
+    straight: f64,
     start: nalgebra::Isometry3<f64>,
     steering_since: Option<Stamp>,
     sequence: u64,
@@ -107,14 +107,16 @@ struct Insertion<'a> {
 impl<'a> Insertion<'a> {
     fn new(config: &Config, rig: &'a mut Rig, cycle: Cycle, state: &ArmState) -> Self {
         let start = base_pose(&rig.bearings, state);
-        let pre_insertion =
-            rig.world.as_ref().map_or(PRE_INSERTION, |world| world.pre_insertion());
+        let straight = rig
+            .world
+            .as_ref()
+            .map_or(PRE_INSERTION, SimulatedWorld::pre_insertion);
         Self {
             supervisor: Supervisor::new(bounds(config), rig.clock.now()),
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
             phase: Phase::PreInsertion,
-            pre_insertion,
+            straight,
             start,
             steering_since: None,
             sequence: 0,
@@ -128,7 +130,7 @@ impl<'a> Insertion<'a> {
     fn check_target(&self, config: &Config) -> Result<(), Unreachable> {
         let tip = (self.start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3))
             .coords
-            + self.start.rotation * nalgebra::Vector3::z() * self.pre_insertion;
+            + self.start.rotation * nalgebra::Vector3::z() * self.straight;
         let target = match config.target.kind {
             TargetKind::Stereo => {
                 (self.rig.bearings.world_from_left_camera * stereo_target(config)).coords()
@@ -172,7 +174,11 @@ impl<'a> Insertion<'a> {
                 return Ok(ended);
             }
             self.sequence += 1;
-            let command = RateCommand { sequence: self.sequence, stamp: now, rates: self.rates };
+            let command = RateCommand {
+                sequence: self.sequence,
+                stamp: now,
+                rates: self.rates,
+            };
             self.rig.arm.command(&command)?;
             observer.command(&command);
             deadline = deadline + period;
@@ -189,7 +195,9 @@ impl<'a> Insertion<'a> {
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
         let shape = self.rig.sensor.poll()?;
-        let since = self.last_law.map_or(f64::INFINITY, |last| now.secs_since(last));
+        let since = self
+            .last_law
+            .map_or(f64::INFINITY, |last| now.secs_since(last));
         if shape.is_none() && since < PREDICTION {
             return Ok(());
         }
@@ -209,8 +217,11 @@ impl<'a> Insertion<'a> {
         self.rates = telemetry.joint_rates;
         self.last_law = Some(now);
         let telemetry = self.cycle.telemetry_mut();
-        telemetry.law.limits.extend_from_slice(self.rig.arm.inner().acted());
-        telemetry.truth = self.rig.world.as_ref().map(|world| world.report());
+        telemetry
+            .law
+            .limits
+            .extend_from_slice(self.rig.arm.inner().acted());
+        telemetry.truth = self.rig.world.as_ref().map(SimulatedWorld::report);
         observer.step(telemetry);
         Ok(())
     }
@@ -223,7 +234,7 @@ impl<'a> Insertion<'a> {
         let base = base_pose(&self.rig.bearings, state);
         let travelled = (base.translation.vector - self.start.translation.vector)
             .dot(&(self.start.rotation * nalgebra::Vector3::z()));
-        if travelled < self.pre_insertion {
+        if travelled < self.straight {
             return;
         }
         let target = self.place_target(config);
@@ -264,7 +275,9 @@ impl<'a> Insertion<'a> {
         if telemetry.axial_distance <= 0.0 {
             return Some(Ended::TargetPassed);
         }
-        self.reach.update(now, &telemetry.law).map(Ended::Unreachable)
+        self.reach
+            .update(now, &telemetry.law)
+            .map(Ended::Unreachable)
     }
 
     /// Stops and waits until the arm is at rest.
@@ -286,7 +299,7 @@ impl<'a> Insertion<'a> {
 
     fn summary(&self, config: &Config, ended: Ended) -> Summary {
         let telemetry = self.cycle.telemetry();
-        let figures = self.rig.world.as_ref().and_then(|world| world.figures());
+        let figures = self.rig.world.as_ref().and_then(SimulatedWorld::figures);
         let mm = |value: f64| value.is_finite().then_some(value * 1e3);
         Summary {
             ended,
@@ -334,7 +347,11 @@ fn nominal_target(
     world_from_holder: &nalgebra::Isometry3<f64>,
 ) -> nalgebra::Vector3<f64> {
     let t = &config.target;
-    let offset = if t.kind == TargetKind::Aligned { 0.0 } else { t.offset_mm * 1e-3 };
+    let offset = if t.kind == TargetKind::Aligned {
+        0.0
+    } else {
+        t.offset_mm * 1e-3
+    };
     place_target(
         tip,
         &hal::Transform::assume(*world_from_holder),

@@ -82,7 +82,9 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
         || progress.inc(1),
     )?;
     progress.finish_and_clear();
-    let document = Document { experiments: &results };
+    let document = Document {
+        experiments: &results,
+    };
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
         let mut json = serde_json::to_vec_pretty(&document)?;
@@ -115,18 +117,24 @@ impl ReproduceArgs {
             .experiments
             .iter()
             .map(|name| {
-                EXPERIMENTS.into_iter().find(|e| e.name == name).ok_or_else(|| {
-                    Usage(format!(
-                        "--experiments: `{name}` is unknown; expected some of e1,e2,e3,e4"
-                    ))
-                })
+                EXPERIMENTS
+                    .into_iter()
+                    .find(|e| e.name == name)
+                    .ok_or_else(|| {
+                        Usage(format!(
+                            "--experiments: `{name}` is unknown; expected some of e1,e2,e3,e4"
+                        ))
+                    })
             })
             .collect();
         if self.runs == 0 {
             return Err(Usage("--runs: expected at least 1".into()).into());
         }
         let mut overrides = self.set.clone();
-        overrides.push(format!("run.phantom={}", toml::Value::String(self.phantom.clone())));
+        overrides.push(format!(
+            "run.phantom={}",
+            toml::Value::String(self.phantom.clone())
+        ));
         overrides.push(format!("run.law={}", toml::Value::String(self.law.clone())));
         overrides.extend(
             self.sensor
@@ -151,7 +159,11 @@ fn print_table(results: &[ExperimentResult]) -> std::io::Result<()> {
         "", "law", "target", "paper mm", "5 %", "median", "95 %", "passed"
     )?;
     for r in results {
-        let passed = r.runs.iter().filter(|run| run.ended == "target passed").count();
+        let passed = r
+            .runs
+            .iter()
+            .filter(|run| run.ended == "target passed")
+            .count();
         writeln!(
             out,
             "{:<4} {:<15} {:<36} {:>9.1} {:>8.3} {:>8.3} {:>8.3} {:>5}/{}",

@@ -63,7 +63,11 @@ impl RunArgs {
             ("run.phantom", &self.phantom),
         ];
         for (key, value) in options {
-            overrides.extend(value.as_ref().map(|value| format!("{key}={}", quoted(value))));
+            overrides.extend(
+                value
+                    .as_ref()
+                    .map(|value| format!("{key}={}", quoted(value))),
+            );
         }
         overrides.extend(self.seed.map(|seed| format!("run.seed={seed}")));
         if self.dry_run {
@@ -97,7 +101,11 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     } else {
         print_text(&summary)?;
     }
-    Ok(if summary.ended.is_success() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if summary.ended.is_success() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(1)
+    })
 }
 
 /// A flag that Ctrl-C and SIGTERM raise; the run then stops the arm and ends.
@@ -125,7 +133,12 @@ impl Recorder {
             ProgressStyle::with_template("{bar:30} {msg}")
                 .unwrap_or_else(|_| ProgressStyle::default_bar()),
         );
-        Self { rows: Vec::new(), first: None, progress, depth_mm }
+        Self {
+            rows: Vec::new(),
+            first: None,
+            progress,
+            depth_mm,
+        }
     }
 }
 
@@ -162,7 +175,8 @@ fn write_results(
     let place = |name: &str| out.join(name);
     let text = toml::to_string(config).context("configuration as TOML")?;
     std::fs::write(place("config.toml"), text).with_context(|| out.display().to_string())?;
-    let csv = std::fs::File::create(place("series.csv")).with_context(|| out.display().to_string())?;
+    let csv =
+        std::fs::File::create(place("series.csv")).with_context(|| out.display().to_string())?;
     write_csv(rows, std::io::BufWriter::new(csv)).with_context(|| out.display().to_string())?;
     let mut json = serde_json::to_vec_pretty(summary)?;
     json.push(b'\n');
@@ -187,7 +201,11 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
         "  tissue stretch  {:.2} mm largest, {:.2} mm mean",
         summary.max_stretch_mm, summary.mean_stretch_mm
     )?;
-    writeln!(out, "  duration        {:.1} s, {} steps", summary.duration_s, summary.steps)?;
+    writeln!(
+        out,
+        "  duration        {:.1} s, {} steps",
+        summary.duration_s, summary.steps
+    )?;
     if let Some(folder) = &summary.out {
         writeln!(out, "  results         {folder}")?;
     }

@@ -101,11 +101,16 @@ impl Config {
             },
             problem: e.to_string(),
         })?;
-        let phantom = phantom::Settings::preset(&self.run.phantom)
-            .map_err(|e| Invalid { key: "run.phantom".into(), problem: e.to_string() })?;
+        let phantom = phantom::Settings::preset(&self.run.phantom).map_err(|e| Invalid {
+            key: "run.phantom".into(),
+            problem: e.to_string(),
+        })?;
         phantom
             .overridden(self.phantom.clone())
-            .map_err(|e| Invalid { key: "phantom".into(), problem: e.to_string() })?;
+            .map_err(|e| Invalid {
+                key: "phantom".into(),
+                problem: e.to_string(),
+            })?;
         Ok(())
     }
 

@@ -62,9 +62,14 @@ impl Config {
     /// Pose at the nominal entry: z into the tissue, x as near to World's x as can be.
     pub fn world_from_entry(&self) -> Isometry3<f64> {
         let z = self.inward().into_inner();
-        let towards = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+        let towards = if z.x.abs() < 0.9 {
+            Vector3::x()
+        } else {
+            Vector3::y()
+        };
         let x = (towards - z * z.dot(&towards)).normalize();
-        let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
+        let rotation =
+            Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
         Isometry3::from_parts(self.entry().coords.into(), rotation.into())
     }
 
