@@ -29,9 +29,13 @@ mod sensitivity;
 
 mod measures;
 
+mod estimation;
+
 mod bed;
 
 mod predictive;
+
+mod kinematic;
 
 mod case;
 
@@ -40,8 +44,12 @@ mod insertion;
 pub use bevel::{Bevel, BevelError, BevelLoad, cut_angle};
 pub use case::{Case, CaseError, CaseShape};
 pub use equilibrium::{Convergence, Equilibrium, EquilibriumError};
+pub use estimation::{Estimate, EstimationError, EstimationSettings, Estimator, Unknowns};
 pub use insertion::{Insertion, InsertionError, InsertionSettings, RestPoint};
 pub use jacobian::{TangentError, jacobian_in_frames};
+pub use kinematic::{
+    KinematicError, KinematicTip, TipPath, effective_curvature, natural_curvature,
+};
 pub use measures::mean_tissue_displacement;
 pub use needle::{Needle, NeedleError, second_moment_of_area};
 pub use piece::TipLoad;

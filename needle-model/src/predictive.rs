@@ -97,6 +97,7 @@ pub struct Prediction {
     /// Holder: (x, y) and slopes; distance to the entry.
     holder: [Vector2<f64>; 2],
     free_length: f64,
+    entry: f64,
     span: Span,
     depth: f64,
     tip: Vector2<f64>,
@@ -242,6 +243,7 @@ impl Prediction {
             law,
             holder: [position.xy(), axis.xy() / axis.z],
             free_length,
+            entry: entry.z,
             span,
             depth: last.z - entry.z,
             tip: last.xy(),
@@ -251,6 +253,11 @@ impl Prediction {
     /// Depth of the tip along the axis, from the first point of the path \[m\].
     pub const fn depth(&self) -> f64 {
         self.depth
+    }
+
+    /// Coordinate of the first point of the path along the frame's z \[m\].
+    pub const fn entry_depth(&self) -> f64 {
+        self.entry
     }
 
     /// The prediction's frame in World.
@@ -322,7 +329,8 @@ impl Prediction {
             let mut done = 0.0;
             while done < steps {
                 let advance = done * h;
-                let middle = Vector3::new(tip[0], tip[1], self.depth + advance + h / 2.0);
+                let middle =
+                    Vector3::new(tip[0], tip[1], self.entry + self.depth + advance + h / 2.0);
                 let middle = self.world_from_frame * Point3::from(middle);
                 let k = self.tissue.stiffness_at(self.tissue.depth(&middle.coords));
                 let grown = |rate: &Row| -> (Span, Row) {

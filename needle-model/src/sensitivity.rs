@@ -68,7 +68,12 @@ impl Sensitivities {
     }
 
     /// Derivatives of the point of segment `i` at the fraction of its coordinate, and the tangent.
-    fn at_coordinate(&self, needle: &Equilibrium, i: usize, l: f64) -> (VectorRates, Vector3<f64>) {
+    pub(crate) fn at_coordinate(
+        &self,
+        needle: &Equilibrium,
+        i: usize,
+        l: f64,
+    ) -> (VectorRates, Vector3<f64>) {
         let segment = needle.segment(i);
         let tangent = segment.derivative(l);
         if i == needle.springs.len() {

@@ -53,7 +53,9 @@ fn report(title: &str, misses: &[Vec<f64>; 2]) {
     for ((name, values), paper) in ["aligned", "shifted"].iter().zip(misses).zip(PAPER_MM) {
         let [p5, p50, p95] = [5, 50, 95].map(|p| percentile(values, p));
         let rank = rank(values, paper);
-        println!("{title} {name}: 5/50/95 % = {p5:.2}/{p50:.2}/{p95:.2} mm; paper's {paper} mm at {rank:.1} %");
+        println!(
+            "{title} {name}: 5/50/95 % = {p5:.2}/{p50:.2}/{p95:.2} mm; paper's {paper} mm at {rank:.1} %"
+        );
     }
 }
 

@@ -97,9 +97,8 @@ pub(crate) struct Fields {
 
 impl Fields {
     pub(crate) fn draw(settings: &Settings, seed: u64) -> Self {
-        let field = |purpose, length_mm: f64| {
-            Field::draw(&mut stream(seed, purpose), length_mm * 1e-3)
-        };
+        let field =
+            |purpose, length_mm: f64| Field::draw(&mut stream(seed, purpose), length_mm * 1e-3);
         let mut direction = stream(seed, Purpose::DirectionField);
         let noise_length = settings.tip.direction_noise_length_mm * 1e-3;
         Self {

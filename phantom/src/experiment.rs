@@ -55,8 +55,7 @@ impl Passing {
 /// the needle straight down with O on the surface.
 pub fn default_setup(settings: &Settings, seed: u64) -> Setup {
     let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), core::f64::consts::PI);
-    let world_from_phantom =
-        Isometry3::from_parts(Vector3::new(0.40, 0.0, 0.25).into(), down);
+    let world_from_phantom = Isometry3::from_parts(Vector3::new(0.40, 0.0, 0.25).into(), down);
     let length = settings.needle.length_mm * 1e-3;
     Setup {
         world_from_phantom,

@@ -44,15 +44,23 @@ impl LateralLaw {
 
     /// Stored energy per length over K at the displacement `size` \[m2\], without relaxation.
     pub(crate) fn energy(&self, size: f64) -> f64 {
-        // Simpson's rule on the smooth force.
-        let steps = 8;
-        let h = size / f64::from(2 * steps);
-        let force = |u: f64| self.secant(u).0 * u;
-        let mut sum = force(0.0) + force(size);
-        for i in 1..2 * steps {
-            sum += if i % 2 == 1 { 4.0 } else { 2.0 } * force(h * f64::from(i));
+        let (u, g, a) = (size, self.gap, self.stiffening);
+        let squared = u * u;
+        if g <= 0.0 {
+            return squared * (0.5 + 0.25 * a * squared);
         }
-        sum * h / 3.0
+        let root = (squared + g * g).sqrt();
+        let log = (u / g).asinh();
+        let plain = 0.5 * (u * root + g * g * log) - g * u;
+        let stiffened =
+            (u * (2.0 * squared + g * g) * root - g.powi(4) * log) / 8.0 - g * u * squared / 3.0;
+        plain + a * stiffened
+    }
+
+    /// The same with relaxation, for tissue that has crept to `crept` \[m2\].
+    pub(crate) fn relaxing_energy(&self, u: &Vector3<f64>, crept: &Vector3<f64>) -> f64 {
+        (1.0 - self.relaxed) * self.energy(u.norm())
+            + 0.5 * self.relaxed * (u - crept).norm_squared()
     }
 }
 
@@ -166,6 +174,13 @@ impl Medium<'_> {
             let lasting = stiff * (1.0 - self.law.relaxed) * secant;
             let relaxing = stiff * self.law.relaxed;
             force[i] -= u * (lasting + relaxing) - bed.crept * relaxing;
+            let entering = weight < half + covered_to;
+            if entering || bed.slope != 0.0 {
+                // Sliding deeper, or into stiffer tissue, stores energy: an axial force.
+                let energy = self.law.relaxing_energy(&u, &bed.crept);
+                let growth = if entering { bed.stiffness } else { 0.0 } + weight * bed.slope;
+                force[i] -= t * (energy * growth);
+            }
             let across = lasting + relaxing;
             let mut block = t * (t.transpose() * -across) + Matrix3::from_diagonal_element(across);
             if slope != 0.0 {

@@ -44,9 +44,7 @@ impl Placement {
             turn.matrix() * (Matrix3::identity() + direction * Vector3::z().transpose() * fading);
         Self {
             deformation,
-            inverse: deformation
-                .try_inverse()
-                .unwrap_or_else(Matrix3::identity),
+            inverse: deformation.try_inverse().unwrap_or_else(Matrix3::identity),
             shift: direction * breath + drift,
         }
     }
@@ -63,8 +61,6 @@ impl Placement {
 impl MotionSettings {
     /// Whether the tissue moves at all.
     pub(crate) fn moves(&self) -> bool {
-        self.breathing_mm != 0.0
-            || self.rotation_deg_min != 0.0
-            || self.drift_mm_min != [0.0; 3]
+        self.breathing_mm != 0.0 || self.rotation_deg_min != 0.0 || self.drift_mm_min != [0.0; 3]
     }
 }

@@ -143,6 +143,22 @@ impl RodPlant {
             .coords
     }
 
+    /// Energy stored in the bent and twisted shaft and in the displaced tissue \[J\].
+    pub fn stored_energy(&self) -> f64 {
+        let contact = &self.contact;
+        let law = &self.tissue.law;
+        let mut energy =
+            self.rod.energy() + 0.5 * contact.tip_force.norm_squared() / self.settings.tip.hold_n_m;
+        if let Some(path) = &self.path {
+            for i in contact.first..contact.feet.len() {
+                let bed = path.bed(&contact.feet[i]);
+                let density = law.relaxing_energy(&contact.displacement[i], &bed.crept);
+                energy += contact.weight[i] * bed.stiffness * density;
+            }
+        }
+        energy
+    }
+
     fn bevel_length(&self) -> f64 {
         2.0 * self.radius / self.bevel_angle.tan()
     }
@@ -424,8 +440,8 @@ impl RodPlant {
     }
 
     fn check_yield(&mut self) {
-        let stress_per_moment = self.radius / self.rod.section.bending
-            * (self.settings.needle.young_gpa * 1e9);
+        let stress_per_moment =
+            self.radius / self.rod.section.bending * (self.settings.needle.young_gpa * 1e9);
         let moment = (0..self.rod.edges())
             .map(|i| self.rod.bending_moment(i).norm())
             .fold(0.0, f64::max);

@@ -49,7 +49,10 @@ pub(crate) struct CutPath {
 /// Properties of the tissue at a foot.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bed {
+    /// Stiffness per length \[N/m2\] and its rise along the path \[N/m3\].
     pub(crate) stiffness: f64,
+    pub(crate) slope: f64,
+    /// Displacement to which the relaxing part has crept \[m\].
     pub(crate) crept: Vector3<f64>,
 }
 
@@ -191,12 +194,18 @@ impl CutPath {
     pub(crate) fn bed(&self, foot: &Foot) -> Bed {
         let a = &self.stations[foot.segment];
         match self.stations.get(foot.segment + 1) {
-            Some(b) => Bed {
-                stiffness: a.stiffness + foot.fraction * (b.stiffness - a.stiffness),
-                crept: a.crept + foot.fraction * (b.crept - a.crept),
-            },
+            Some(b) => {
+                let rise = b.stiffness - a.stiffness;
+                let length = self.arcs[foot.segment + 1] - self.arcs[foot.segment];
+                Bed {
+                    stiffness: a.stiffness + foot.fraction * rise,
+                    slope: rise / length,
+                    crept: a.crept + foot.fraction * (b.crept - a.crept),
+                }
+            }
             None => Bed {
                 stiffness: a.stiffness,
+                slope: 0.0,
                 crept: a.crept,
             },
         }

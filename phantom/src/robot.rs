@@ -47,9 +47,7 @@ impl Robot {
         let rotation = start.rotation
             * UnitQuaternion::from_scaled_axis(Vector3::new(draw.tilt[0], draw.tilt[1], 0.0))
             * start.rotation.inverse();
-        let about_tip = Translation3::from(tip.coords)
-            * rotation
-            * Translation3::from(-tip.coords);
+        let about_tip = Translation3::from(tip.coords) * rotation * Translation3::from(-tip.coords);
         let mut rng = stream(seed, Purpose::Kinematics);
         let wave_number = TAU / (robot.kinematic_length_mm * 1e-3);
         let waves = core::array::from_fn(|_| {

@@ -40,11 +40,7 @@ pub(crate) struct Twist {
 
 /// `v`, perpendicular to the unit vector `from`, carried to `to` by the smallest rotation.
 #[inline]
-pub(crate) fn transport(
-    v: &Vector3<f64>,
-    from: &Vector3<f64>,
-    to: &Vector3<f64>,
-) -> Vector3<f64> {
+pub(crate) fn transport(v: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> Vector3<f64> {
     v - (from + to) * (to.dot(v) / (1.0 + from.dot(to)))
 }
 
@@ -119,7 +115,13 @@ impl Twist {
 
     /// The bristle of edge `i` after a slide, and the derivative of its circumferential
     /// deflection by the slide around.
-    fn slide(&self, i: usize, axial: f64, around: f64, settings: &FrictionSettings) -> (Bristle, f64) {
+    fn slide(
+        &self,
+        i: usize,
+        axial: f64,
+        around: f64,
+        settings: &FrictionSettings,
+    ) -> (Bristle, f64) {
         let limit = settings.presliding_um * 1e-6;
         let old = self.bristles[i];
         let breakaway = if old.sliding {

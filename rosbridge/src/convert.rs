@@ -14,6 +14,7 @@ use nalgebra::{
 };
 
 use crate::msg::{geometry_msgs, needle_steer_msgs as msgs, sensor_msgs, std_msgs};
+use crate::seam::Time;
 
 /// A message that does not say what its definition promises.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -74,19 +75,19 @@ pub enum ConvertError {
 }
 
 /// A stamp as ROS's seconds and nanoseconds; saturates after 136 years.
-pub(crate) fn time(stamp: Stamp) -> rosrust::Time {
+pub(crate) fn time(stamp: Stamp) -> Time {
     let nanoseconds = stamp.as_nanos();
     let nsec = u32::try_from(nanoseconds % 1_000_000_000).unwrap_or(0);
     match u32::try_from(nanoseconds / 1_000_000_000) {
-        Ok(sec) => rosrust::Time { sec, nsec },
-        Err(_) => rosrust::Time {
+        Ok(sec) => Time { sec, nsec },
+        Err(_) => Time {
             sec: u32::MAX,
             nsec: 999_999_999,
         },
     }
 }
 
-pub(crate) fn stamp(time: rosrust::Time) -> Stamp {
+pub(crate) fn stamp(time: Time) -> Stamp {
     Stamp::from_nanos(u64::from(time.sec) * 1_000_000_000 + u64::from(time.nsec))
 }
 

@@ -2,7 +2,7 @@
 
 use hal::frame::{Frame, LeftCamera, NeedleBase, NeedleTip, World};
 use hal::telemetry::{Telemetry, TruthReport};
-use hal::{Stamp, Transform};
+use hal::{Joints, Stamp, Transform};
 use nalgebra::{Isometry3, Vector3};
 
 use crate::convert;
@@ -10,13 +10,17 @@ use crate::msg::needle_steer_msgs::State;
 use crate::msg::visualization_msgs::{Marker, MarkerArray};
 use crate::msg::{geometry_msgs, sensor_msgs, std_msgs, tf2_msgs};
 
-/// Joint positions and commanded rates.
-pub(crate) fn joint_state(t: &Telemetry, names: &[String]) -> sensor_msgs::JointState {
+/// Joint positions and rates; both have as many values as the arm has joints.
+pub(crate) fn joint_state(
+    header: std_msgs::Header,
+    names: &[String],
+    [positions, rates]: [&Joints; 2],
+) -> sensor_msgs::JointState {
     sensor_msgs::JointState {
-        header: convert::header(t.stamp, "", t.step),
-        name: names.iter().take(t.joints.len()).cloned().collect(),
-        position: t.joints.to_vec(),
-        velocity: t.joint_rates.to_vec(),
+        header,
+        name: names.iter().take(positions.len()).cloned().collect(),
+        position: positions.to_vec(),
+        velocity: rates.to_vec(),
         effort: Vec::new(),
     }
 }
@@ -53,7 +57,6 @@ pub(crate) fn tip_edge(t: &Telemetry) -> geometry_msgs::TransformStamped {
 }
 
 /// The few numbers that a display shows.
-#[expect(dead_code, reason = "x")]
 pub(crate) fn state(t: &Telemetry) -> State {
     State {
         header: convert::header(t.stamp, World::NAME, t.step),

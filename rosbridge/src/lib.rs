@@ -3,17 +3,26 @@
 //! Builds with no ROS installed: the message definitions are part of this crate.
 //!
 //! * [`msg`]: the messages, generated from `msgs` at build time.
+//! * [`bridge`]: a run on topics, and requests from services.
+//! * [`arm`], [`cameras`]: the back end: devices behind topics.
+//! * [`emulator`]: the other side of the back end: an arm and cameras as a node.
 //! * [`log`]: a run as an MCAP file of ROS 1 messages, written while it goes, and read back
 //!   bit by bit.
 //!
 //! **Architecture invariant:** nothing here runs inside the control loop; the loop hands over
 //! snapshots and goes on.
 
+pub mod arm;
+pub mod bridge;
+pub mod cameras;
 mod codes;
 pub mod convert;
 mod display;
+pub mod emulator;
 pub mod log;
 pub mod msg;
+mod seam;
 mod step;
 
 pub use convert::ConvertError;
+pub use seam::{Node, NodeError, NodeOptions, TimeBase, plain_arguments};

@@ -3,6 +3,8 @@
 //! * [`camera`]: camera models, refraction through the container's walls, triangulation.
 //! * [`detect`]: chessboards in images.
 //! * [`calibrate`]: from corners to a rig with covariance.
+//! * [`report`]: a calibration as an HTML page.
+//! * [`register`]: the cameras in the laboratory.
 //! * [`files`]: calibrations and images on disk.
 #![cfg_attr(
     test,
@@ -14,5 +16,7 @@ pub mod camera;
 pub mod detect;
 pub mod files;
 mod homography;
+pub mod register;
+pub mod report;
 
 pub use camera::{Camera, DistortedPx, StereoRig, UndistortedPx};

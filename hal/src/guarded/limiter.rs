@@ -8,8 +8,10 @@ use super::axis::{Admissible, Axis, Bounds, Cause};
 use crate::telemetry::Limit;
 use crate::{JointLimit, JointLimits, Joints, MAX_JOINTS};
 
-/// Relative rounding allowed where the line of the command only just meets a limit.
+/// Share of the command by which it may be missed and count as obeyed: rounding.
 const ROUNDING: f64 = 1e-13;
+/// Rounding allowed where the line of the command only just meets a limit, relative to rates.
+const SLACK: f64 = 1e-14;
 
 /// Rates within the limits.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,9 +76,15 @@ pub enum LimiterError {
         /// What is left \[rad\].
         range_rad: f64,
     },
-    /// The margin or the holding time is not a finite number of at least zero.
-    #[error("margin and holding time have to be finite and at least zero")]
-    Margin,
+    /// The margin is not a finite number of at least zero.
+    #[error("the margin of {margin_rad} rad is no finite number of at least zero")]
+    Margin {
+        /// The margin \[rad\].
+        margin_rad: f64,
+    },
+    /// The holding time is zero.
+    #[error("the time for which rates may stand has to be positive")]
+    Hold,
 }
 
 /// Pure limiter of joint rates; see [`Limiter::step`].
@@ -100,7 +108,11 @@ impl Limiter {
             return Err(LimiterError::Joints { joints });
         }
         if !(margin.is_finite() && margin >= 0.0) {
-            return Err(LimiterError::Margin);
+            let margin_rad = margin;
+            return Err(LimiterError::Margin { margin_rad });
+        }
+        if hold.is_zero() {
+            return Err(LimiterError::Hold);
         }
         let hold = hold.as_secs_f64();
         let mut kept = Vec::with_capacity(limits.len());
@@ -137,8 +149,7 @@ impl Limiter {
     }
 
     /// Rates for the coming period `dt` \[s\] of an arm at `positions` \[rad\] that executes
-    /// `motion`, as close to `wanted` \[rad/s\] as the limits allow. All input is finite, `dt`
-    /// positive and at most the holding time for the guarantees to hold.
+    /// `motion`, as close to `wanted` \[rad/s\] as the limits allow.
     ///
     /// * Rates change such that speed, acceleration (their change over `dt`) and jerk (the
     ///   change of that over `dt`) stay within the limits, and such that the arm can always
@@ -147,7 +158,21 @@ impl Limiter {
     /// * The result is a multiple of `wanted` whenever the limits admit one, which they do unless
     ///   the arm moves in another direction already; see [`Limited::straight`].
     /// * An arm that stands outside its range is let back in, never further out.
+    /// * Positions or rates that are not finite, or not one a joint, bring the arm to rest. A
+    ///   period beyond the holding time counts as that.
     pub fn step(&self, positions: &Joints, motion: &Motion, wanted: &Joints, dt: f64) -> Limited {
+        let joints = self.limits.len();
+        let dt = if dt > 0.0 {
+            dt.min(self.hold)
+        } else {
+            self.hold
+        };
+        let usable = [positions, wanted]
+            .iter()
+            .all(|x| x.len() == joints && x.is_finite());
+        if !usable {
+            return self.stop(motion, dt);
+        }
         let mut ranges = [None; MAX_JOINTS];
         for (i, range) in ranges.iter_mut().enumerate().take(self.limits.len()) {
             *range =
@@ -155,6 +180,16 @@ impl Limiter {
         }
         self.along_line(positions, motion, wanted, dt, &ranges)
             .unwrap_or_else(|| self.joint_by_joint(motion, wanted, dt, &ranges))
+    }
+
+    /// The way to rest when nothing else is known.
+    fn stop(&self, motion: &Motion, dt: f64) -> Limited {
+        let mut anywhere = motion.rates.zeroed();
+        for (q, limit) in anywhere.iter_mut().zip(&self.limits) {
+            *q = 0.5 * (limit.lower + limit.upper);
+        }
+        let rest = motion.rates.zeroed();
+        self.step(&anywhere, motion, &rest, dt)
     }
 
     fn axis(i: usize, motion: &Motion) -> Axis {
@@ -226,7 +261,7 @@ impl Limiter {
         let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
         for (i, range) in ranges.iter().enumerate() {
             let Some(range) = range else { break };
-            let slack = ROUNDING * (1.0 + motion.rates[i].abs());
+            let slack = SLACK * (1.0 + motion.rates[i].abs());
             let from = motion.rates[i] + range.low * dt - slack;
             let to = motion.rates[i] + range.high * dt + slack;
             let x = line[i];

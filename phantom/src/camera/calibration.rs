@@ -6,6 +6,7 @@
 //! Schur complement. Errors of focal length, principal point and extrinsics therefore come
 //! correlated as a real calibration leaves them, and largely cancel where the boards were.
 
+use hal::frame::{LeftCamera, World};
 use hal::{Position, Transform};
 use nalgebra::{
     Cholesky, Isometry3, Point3, Rotation3, SMatrix, SVector, Translation3, Unit, UnitQuaternion,
@@ -18,8 +19,9 @@ use rand_distr::{Distribution, StandardNormal};
 use super::board::BoardView;
 use super::lens::{Lens, Pixel};
 use super::noise::{Stream, generator};
-use super::parameters::{Plane, RigParameters};
+use super::parameters::{Container, Plane, RigParameters};
 use super::settings::CalibrationSettings;
+use super::stereo_frame::stereo_from_world;
 
 /// Left intrinsics (9), right intrinsics (9), rotation and translation of the right camera (6).
 const PARAMETERS: usize = 24;
@@ -54,7 +56,7 @@ pub struct Undetermined {
 }
 
 /// Poses of a board as an operator would hold it: about the middle of the rig's field, turned
-/// up to 20 degrees about its axes, facing between the cameras; a board of 9 x 6 inner corners,
+/// up to 29 degrees about its axes, facing between the cameras; a board of 9 x 6 inner corners,
 /// 10 mm apart.
 pub fn calibration_boards(rig: &RigParameters, views: usize, seed: u64) -> Vec<BoardView> {
     let mut generator = generator(seed, Stream::Calibration, 1);
@@ -72,8 +74,8 @@ pub fn calibration_boards(rig: &RigParameters, views: usize, seed: u64) -> Vec<B
     (0..views)
         .map(|_| {
             let mut uniform = |half: f64| generator.random_range(-half..=half);
-            let shift = Vector3::new(uniform(0.015), uniform(0.01), uniform(0.02));
-            let turn = Rotation3::from_euler_angles(uniform(0.35), uniform(0.26), uniform(0.26));
+            let shift = Vector3::new(uniform(0.02), uniform(0.012), uniform(0.03));
+            let turn = Rotation3::from_euler_angles(uniform(0.5), uniform(0.4), uniform(0.4));
             let rotation = facing * turn;
             let left_from_board = Isometry3::from_parts(
                 Translation3::from(centre + facing * shift - rotation * middle),
@@ -252,12 +254,25 @@ fn normal3(generator: &mut ChaCha8Rng, sigma: f64) -> Vector3<f64> {
     })
 }
 
-/// The rig as the controller is told it is.
+/// What a calibration and a registration make of a rig.
+#[derive(Clone, Debug)]
+pub(super) struct Given {
+    /// The rig as the controller is told it is.
+    pub(super) parameters: RigParameters,
+    /// Where the frame of its reconstructions truly lies.
+    pub(super) stereo_from_world: Transform<LeftCamera, World>,
+}
+
+/// Half the side of the cube in which the stereo frame is fitted \[m\].
+const REACH: f64 = 0.03;
+
+/// The rig as the controller is told it is, before a gel about `gel_centre` (World).
 pub(super) fn given(
     truth: &RigParameters,
     settings: &CalibrationSettings,
+    gel_centre: &Point3<f64>,
     seed: u64,
-) -> Result<RigParameters, Undetermined> {
+) -> Result<Given, Undetermined> {
     let mut rig = truth.clone();
     let mut generator = generator(seed, Stream::Calibration, 0);
     if settings.corner_sigma_px > 0.0 {
@@ -276,9 +291,38 @@ pub(super) fn given(
         let motion = Isometry3::new(part(21), part(18));
         rig.right_from_left = Transform::assume(motion * truth.right_from_left.isometry());
     }
+    let drift = normal3(&mut generator, 1e-3 * settings.drift_mrad);
+    if settings.drift_mrad > 0.0 {
+        let turn = Isometry3::new(Vector3::zeros(), drift);
+        rig.right_from_left = Transform::assume(turn * rig.right_from_left.isometry());
+    }
+    if rig != *truth {
+        rig.left_from_world = stereo_from_world(truth, &rig, gel_centre, REACH);
+        let stereo_from_true =
+            rig.left_from_world.isometry() * truth.left_from_world.isometry().inverse();
+        rig.container = moved_container(&truth.container, &stereo_from_true);
+    }
+    let stereo_from_world = rig.left_from_world;
     misplace_container(&mut rig, settings, &mut generator);
     misplace_laboratory(&mut rig, settings, &mut generator);
-    Ok(rig)
+    Ok(Given {
+        parameters: rig,
+        stereo_from_world,
+    })
+}
+
+/// The container moved as a whole.
+fn moved_container(container: &Container, motion: &Isometry3<f64>) -> Container {
+    let plane = |plane: &Plane| Plane {
+        point: Position::new(motion * plane.point.point()),
+        normal: Unit::new_normalize(motion.rotation * plane.normal.into_inner()),
+    };
+    Container {
+        left_wall: plane(&container.left_wall),
+        right_wall: plane(&container.right_wall),
+        surface: plane(&container.surface),
+        ..*container
+    }
 }
 
 /// Container and gel as the operator measured them.
@@ -290,20 +334,13 @@ fn misplace_container(
     let container = &mut rig.container;
     let about = *container.surface.point.point();
     let shift = normal3(generator, 1e-3 * settings.container_mm);
-    let turn = normal3(generator, settings.container_deg.to_radians());
+    let turn = Rotation3::new(normal3(generator, settings.container_deg.to_radians()));
     let z: f64 = StandardNormal.sample(generator);
     if settings.container_mm > 0.0 || settings.container_deg > 0.0 {
-        let turn = Rotation3::new(turn);
-        for plane in [
-            &mut container.left_wall,
-            &mut container.right_wall,
-            &mut container.surface,
-        ] {
-            *plane = Plane {
-                point: Position::new(about + turn * (plane.point.point() - about) + shift),
-                normal: Unit::new_normalize(turn * plane.normal.into_inner()),
-            };
-        }
+        let back = Translation3::from(about.coords + shift)
+            * UnitQuaternion::from_rotation_matrix(&turn)
+            * Translation3::from(-about.coords);
+        *container = moved_container(container, &back);
     }
     container.gel_index = (container.gel_index + settings.gel_index * z).max(1.0);
 }

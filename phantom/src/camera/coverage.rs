@@ -80,7 +80,8 @@ impl SparsePlane {
         self.rows.1 = self.rows.1.max(y + 1);
     }
 
-    /// Adds a closed polygon of any orientation, weighted; call [`Self::resolve`] afterwards.
+    /// Adds a closed polygon, weighted, negative if it runs anticlockwise on the screen; call
+    /// [`Self::resolve`] afterwards.
     pub(super) fn polygon(&mut self, mut vertices: impl Iterator<Item = Pixel>, weight: f64) {
         let Some(first) = vertices.next() else { return };
         let mut previous = first;
@@ -113,14 +114,15 @@ impl SparsePlane {
         let (mut p, mut q, mut sign) = (
             [from[0] + 0.5, from[1] + 0.5],
             [to[0] + 0.5, to[1] + 0.5],
-            weight,
+            -weight,
         );
         if p[1] > q[1] {
             core::mem::swap(&mut p, &mut q);
             sign = -sign;
         }
         let (w, h) = (self.width as f64, self.height as f64);
-        if !(p[1] < q[1] && p[1] < h && q[1] > 0.0) || !(p[0] + q[0]).is_finite() {
+        let crosses = p[1] < q[1] && p[1] < h && q[1] > 0.0;
+        if !crosses || !(p[0] + q[0]).is_finite() {
             return;
         }
         let slope = (q[0] - p[0]) / (q[1] - p[1]);

@@ -21,6 +21,7 @@ mod renderer;
 mod settings;
 mod silhouette;
 mod stereo;
+mod stereo_frame;
 #[cfg(test)]
 mod tests;
 mod view;

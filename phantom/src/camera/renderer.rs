@@ -254,7 +254,6 @@ pub(super) const fn narrow(x: f64) -> f32 {
 
 /// Background plus noise to pixels; plain enough for the compiler to vectorise.
 #[expect(
-    clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     reason = "a product of 16-bit numbers shifted by 16 fits; the sum is clamped"
 )]

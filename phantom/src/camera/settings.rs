@@ -155,6 +155,9 @@ pub struct CalibrationSettings {
     /// Error of each corner in these views, per axis, 1 sigma \[px\]; 0 means a perfect
     /// calibration.
     pub corner_sigma_px: f64,
+    /// Rotation of the right camera against the left one since the calibration (mounts creep),
+    /// per axis, 1 sigma \[mrad\].
+    pub drift_mrad: f64,
     /// Error of the container's position, per axis, 1 sigma \[mm\].
     pub container_mm: f64,
     /// Error of the container's orientation, per axis, 1 sigma \[deg\].
@@ -261,6 +264,7 @@ impl Default for CalibrationSettings {
         Self {
             views: 20,
             corner_sigma_px: 0.0,
+            drift_mrad: 0.0,
             container_mm: 0.0,
             container_deg: 0.0,
             gel_index: 0.0,
@@ -315,6 +319,7 @@ impl CameraSettings {
             calibration: CalibrationSettings {
                 views: 20,
                 corner_sigma_px: 0.1,
+                drift_mrad: 0.2,
                 container_mm: 0.2,
                 container_deg: 0.1,
                 gel_index: 0.003,
@@ -447,6 +452,7 @@ impl CameraSettings {
         within("delivery.drop_probability", d.drop_probability, 0.0, 1.0)?;
         within("calibration.views", k.views as f64, 3.0, 200.0)?;
         within("calibration.corner_sigma_px", k.corner_sigma_px, 0.0, 5.0)?;
+        within("calibration.drift_mrad", k.drift_mrad, 0.0, 50.0)?;
         within("calibration.container_mm", k.container_mm, 0.0, 20.0)?;
         within("calibration.container_deg", k.container_deg, 0.0, 10.0)?;
         within("calibration.gel_index", k.gel_index, 0.0, 0.05)?;

@@ -31,8 +31,8 @@ struct Vertex {
     in_window: f64,
 }
 
-/// Points of the bevel's ellipse; its chords stay within 0.12 % of the radius.
-const ELLIPSE: usize = 64;
+/// Points of the bevel's ellipse; its chords stay within 0.03 % of the radius.
+const ELLIPSE: usize = 128;
 /// Margin around the image beyond which nothing is projected \[px\].
 const MARGIN_PX: f64 = 64.0;
 /// Depth below which the mirror image is never sought \[m\].

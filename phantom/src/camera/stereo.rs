@@ -12,7 +12,7 @@ use rand::RngExt;
 
 use super::background;
 use super::board::{BoardError, BoardView};
-use super::calibration::{self, Undetermined};
+use super::calibration::{self, Given, Undetermined};
 use super::geometry;
 use super::noise::{Noise, Stream, generator};
 use super::parameters::{RigParameters, Side};
@@ -53,7 +53,7 @@ pub struct StereoRig {
     settings: CameraSettings,
     seed: u64,
     truth: RigParameters,
-    given: RigParameters,
+    given: Given,
     views: [View; 2],
     renderers: [Renderer; 2],
     pool: Vec<Arc<GrayImage>>,
@@ -80,7 +80,8 @@ impl StereoRig {
                 return Err(RigError::Folded { camera });
             }
         }
-        let given = calibration::given(&truth, &settings.calibration, seed)?;
+        let gel_centre = world_from_phantom * geometry::gel_centre(settings);
+        let given = calibration::given(&truth, &settings.calibration, &gel_centre, seed)?;
         let views = Side::BOTH.map(|side| truth.view(side));
         let noise = Noise::new(&settings.noise, settings.width_px, seed).map(Arc::new);
         let renderers = [0, 1].map(|index| {
@@ -117,10 +118,17 @@ impl StereoRig {
 
     /// The rig as its calibration and registration have it: for the controller.
     pub const fn given(&self) -> &RigParameters {
-        &self.given
+        &self.given.parameters
     }
 
-    /// Pose of the true stereo frame in the laboratory.
+    /// Where the frame of the calibrated cameras' reconstructions truly lies: the rigid frame
+    /// in which they agree best with the truth about the gel. Targets given in the stereo frame
+    /// are placed in the laboratory by it; with a perfect calibration it is the left camera's.
+    pub const fn stereo_from_world(&self) -> &Transform<LeftCamera, World> {
+        &self.given.stereo_from_world
+    }
+
+    /// Pose of the left camera's true optical frame in the laboratory.
     pub fn world_from_left_camera(&self) -> Transform<World, LeftCamera> {
         self.truth.left_from_world.inverse()
     }

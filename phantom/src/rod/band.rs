@@ -34,9 +34,7 @@ fn invert_positive(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
             (b * c - a * e) * scale,
             minor * scale,
         );
-        Some(Matrix3::new(
-            i11, i21, i31, i21, i22, i32, i31, i32, i33,
-        ))
+        Some(Matrix3::new(i11, i21, i31, i21, i22, i32, i31, i32, i33))
     } else {
         None
     }

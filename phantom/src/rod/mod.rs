@@ -180,8 +180,8 @@ impl Rod {
             self.gradient[i] += pull;
             self.gradient[i + 1] -= pull;
             let across = tension / length;
-            let block = t * (t.transpose() * (stiffness - across))
-                + Matrix3::from_diagonal_element(across);
+            let block =
+                t * (t.transpose() * (stiffness - across)) + Matrix3::from_diagonal_element(across);
             self.band.add_diagonal(i, &block);
             if i > 0 {
                 self.band.add_diagonal(i - 1, &block);

@@ -157,7 +157,10 @@ fn buckling_load_of_the_clamped_pinned_needle() {
         }
     }
     assert!((expected - 2.33).abs() < 0.01);
-    assert!((low / expected - 1.0).abs() < 0.01, "{low} N, expected {expected} N");
+    assert!(
+        (low / expected - 1.0).abs() < 0.01,
+        "{low} N, expected {expected} N"
+    );
 }
 
 /// A helix of the given Frenet curvature and torsion that starts along z.

@@ -28,9 +28,7 @@ impl Settings {
             "paper-compliant" => ideal
                 .overridden(PAPER.parse()?)?
                 .overridden(COMPLIANT.parse()?),
-            "harsh" => ideal
-                .overridden(PAPER.parse()?)?
-                .overridden(HARSH.parse()?),
+            "harsh" => ideal.overridden(PAPER.parse()?)?.overridden(HARSH.parse()?),
             _ => Err(SettingsError::UnknownPreset {
                 name: name.to_owned(),
             }),

@@ -104,7 +104,12 @@ impl Settings {
         within("tissue.field_length_mm", t.field_length_mm, 1.0, 100.0)?;
         for (i, layer) in t.layers.iter().enumerate() {
             within("tissue.layers.from_mm", layer.from_mm, 0.0, 400.0)?;
-            within("tissue.layers.stiffness_ratio", layer.stiffness_ratio, 0.3, 5.0)?;
+            within(
+                "tissue.layers.stiffness_ratio",
+                layer.stiffness_ratio,
+                0.3,
+                5.0,
+            )?;
             within("tissue.layers.cut_ratio", layer.cut_ratio, 0.7, 1.4)?;
             within("tissue.layers.puncture_n", layer.puncture_n, 0.0, 5.0)?;
             holds(
@@ -155,7 +160,12 @@ impl Settings {
             "motion.breathing_direction",
             "must not be zero while breathing_mm is not",
         )?;
-        within("motion.breathing_phase_deg", m.breathing_phase_deg, -360.0, 360.0)?;
+        within(
+            "motion.breathing_phase_deg",
+            m.breathing_phase_deg,
+            -360.0,
+            360.0,
+        )?;
         within("motion.breathing_fade_1_m", m.breathing_fade_1_m, 0.0, 20.0)?;
         for x in m.drift_mm_min {
             within("motion.drift_mm_min", x, -60.0, 60.0)?;
@@ -170,12 +180,22 @@ impl Settings {
         within("sensor.drop_fraction", s.drop_fraction, 0.0, 0.95)?;
         within("sensor.spacing_mm", s.spacing_mm, 0.1, 50.0)?;
         within("sensor.noise_mm", s.noise_mm, 0.0, 5.0)?;
-        within("sensor.direction_noise_deg", s.direction_noise_deg, 0.0, 20.0)?;
+        within(
+            "sensor.direction_noise_deg",
+            s.direction_noise_deg,
+            0.0,
+            20.0,
+        )?;
         within("sensor.bias_mm", s.bias_mm, 0.0, 5.0)?;
         let r = &self.robot;
         within("robot.kinematic_mm", r.kinematic_mm, 0.0, 5.0)?;
         within("robot.kinematic_deg", r.kinematic_deg, 0.0, 5.0)?;
-        within("robot.kinematic_length_mm", r.kinematic_length_mm, 10.0, 1e4)?;
+        within(
+            "robot.kinematic_length_mm",
+            r.kinematic_length_mm,
+            10.0,
+            1e4,
+        )?;
         within("robot.holder_offset_mm", r.holder_offset_mm, 0.0, 5.0)?;
         within("robot.holder_tilt_deg", r.holder_tilt_deg, 0.0, 5.0)?;
         within("robot.servo_lag_ms", r.servo_lag_ms, 0.0, 500.0)?;

@@ -49,7 +49,11 @@ fn torsion_winds_up_as_friction_says() {
         let torque = friction * 0.35e-3;
         let expected = torque * length / GJ * (0.5 * length + free);
         let lag = -rig.truth().torsion;
-        println!("friction {friction} N/m: lag {:.4} deg, closed form {:.4}", lag.to_degrees(), expected.to_degrees());
+        println!(
+            "friction {friction} N/m: lag {:.4} deg, closed form {:.4}",
+            lag.to_degrees(),
+            expected.to_degrees()
+        );
         // The last edge's middle lies a quarter of a millimetre before O.
         assert!((lag / expected - 1.0).abs() < 0.01, "{lag} {expected}");
         let moment = rig.plant_moment();

@@ -76,12 +76,19 @@ fn deflection(duty: f64, cycle: f64, turns: f64) -> f64 {
 fn continuous_spin_goes_straight_and_the_duty_cycle_is_nearly_linear() {
     let free = deflection(0.0, 2.0, 2.0);
     let spin = deflection(1.0, 2.0, 2.0);
-    println!("deflection free {:.3} mm, spinning {:.4} mm", free * 1e3, spin * 1e3);
+    println!(
+        "deflection free {:.3} mm, spinning {:.4} mm",
+        free * 1e3,
+        spin * 1e3
+    );
     assert!(spin < 0.05 * free, "{spin} {free}");
     let mut worst: f64 = 0.0;
     for duty in [0.25, 0.5, 0.75] {
         let ratio = deflection(duty, 2.0, 2.0) / free;
-        println!("duty {duty}: deflection ratio {ratio:.4}, eq. 21 says {:.4}", 1.0 - duty);
+        println!(
+            "duty {duty}: deflection ratio {ratio:.4}, eq. 21 says {:.4}",
+            1.0 - duty
+        );
         worst = worst.max((ratio - (1.0 - duty)).abs());
     }
     // Eq. (21) is linear; the phantom need not be, but a duty cycle must work.

@@ -105,7 +105,11 @@ impl Rig {
     pub(crate) fn insert(&mut self, metres: f64) {
         let pose = self.pose * Isometry3::translation(0.0, 0.0, metres);
         let millimetres = metres.abs() * 1e3;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "small"
+        )]
         let steps = (millimetres * 10.0).ceil().max(1.0) as u32;
         self.go(pose, millimetres, steps);
     }

@@ -17,7 +17,8 @@ pub(super) struct Servo {
     limiter: Limiter,
     motion: Motion,
     set_point: Joints,
-    /// Part of the distance to the set point covered in a tick.
+    /// Part of the distance to the set point covered in a tick: at a constant rate, the joints
+    /// are late by exactly the lag.
     share: f64,
     expected: Joints,
     actual: Joints,
@@ -34,11 +35,7 @@ impl Servo {
             limiter: Limiter::new(limits, 0.0, TICK)?,
             motion: Motion::steady(start.zeroed()),
             set_point: *start,
-            share: if lag > 0.0 {
-                -(-TICK_S / lag).exp_m1()
-            } else {
-                1.0
-            },
+            share: TICK_S / (lag + TICK_S),
             expected: *start,
             actual: *start,
             before: *start,

@@ -27,6 +27,8 @@ pub(crate) struct World {
     /// Commands that have not taken effect yet.
     pending: VecDeque<(Stamp, Joints)>,
     last_command: Option<(u64, Stamp)>,
+    /// Stamp of the newest command that was not lost.
+    renewed: Stamp,
     /// Whether the last command was standstill.
     rest_wanted: bool,
     /// Encoder readings, newest last.
@@ -75,6 +77,7 @@ impl World {
             target: start.zeroed(),
             pending: VecDeque::new(),
             last_command: None,
+            renewed: Stamp::ZERO,
             rest_wanted: true,
             readings: VecDeque::new(),
             wrong_readings: 0,
@@ -113,9 +116,10 @@ impl World {
     }
 
     fn step(&mut self) {
-        self.tick = self.tick + TICK;
+        let begin = self.tick;
+        self.tick = begin + TICK;
         while let Some((due, rates)) = self.pending.front().copied() {
-            if due > self.tick {
+            if due > begin {
                 break;
             }
             self.pending.pop_front();
@@ -141,10 +145,10 @@ impl World {
     }
 
     fn age_command(&mut self) {
-        let (ArmMode::Moving, Some((_, stamp))) = (self.mode, self.last_command) else {
+        if self.mode != ArmMode::Moving {
             return;
-        };
-        let age = self.tick.since(stamp);
+        }
+        let age = self.tick.since(self.renewed);
         if age > self.settings.command_fault {
             self.fault(FaultReason::StaleCommand);
         } else if age > self.settings.command_expiry {
@@ -285,8 +289,12 @@ impl World {
         }
         self.last_command = Some((command.sequence, command.stamp));
         self.rest_wanted = command.rates.max_abs() == 0.0;
+        let lost = self.has(|fault| matches!(fault, Fault::CommandsLost));
+        if !lost || self.mode == ArmMode::Enabled {
+            self.renewed = command.stamp;
+        }
         self.mode = ArmMode::Moving;
-        if !self.has(|fault| matches!(fault, Fault::CommandsLost)) {
+        if !lost {
             let due = self.now + self.settings.command_latency;
             self.pending.push_back((due, command.rates));
         }

@@ -7,25 +7,25 @@ use robots::viper::driver::Core;
 use robots::viper::emulator::{EmulatorConfig, Entry, Record};
 use robots::viper::{Config, Dialect, Emulator, Lockstep, ViperArm};
 
-pub const PERIOD: Duration = Duration::from_millis(16);
+pub(crate) const PERIOD: Duration = Duration::from_millis(16);
 
 /// Away from limits and singularities; exact in single precision.
-pub const HOME: [f64; 6] = [0.0, -0.75, 2.0, 0.0, 1.0, 0.0];
+pub(crate) const HOME: [f64; 6] = [0.0, -0.75, 2.0, 0.0, 1.0, 0.0];
 
-pub struct Bench {
-    pub arm: Option<ViperArm>,
-    pub rig: Lockstep,
-    pub now: Stamp,
-    pub sequence: u64,
+pub(crate) struct Bench {
+    pub(crate) arm: Option<ViperArm>,
+    pub(crate) rig: Lockstep,
+    pub(crate) now: Stamp,
+    pub(crate) sequence: u64,
 }
 
 impl Bench {
-    pub fn new(dialect: Dialect) -> Self {
+    pub(crate) fn new(dialect: Dialect) -> Self {
         let emulator = EmulatorConfig::viper(dialect, Joints::from(HOME));
         Self::with(Config::viper("emulated", dialect), emulator)
     }
 
-    pub fn with(config: Config, emulator: EmulatorConfig) -> Self {
+    pub(crate) fn with(config: Config, emulator: EmulatorConfig) -> Self {
         let core = Core::new(config).unwrap();
         let (arm, rig) = Lockstep::in_memory(core, Emulator::new(emulator));
         Self {
@@ -37,7 +37,7 @@ impl Bench {
     }
 
     /// Connected and enabled.
-    pub fn enabled(dialect: Dialect) -> Self {
+    pub(crate) fn enabled(dialect: Dialect) -> Self {
         let mut bench = Self::new(dialect);
         bench.rest(20);
         bench.arm().enable().unwrap();
@@ -45,26 +45,26 @@ impl Bench {
     }
 
     /// Enabled and moving for half a second.
-    pub fn moving(dialect: Dialect) -> Self {
+    pub(crate) fn moving(dialect: Dialect) -> Self {
         let mut bench = Self::enabled(dialect);
         bench.go(slow(), 30);
         assert_eq!(bench.mode(), ArmMode::Moving);
         bench
     }
 
-    pub fn arm(&mut self) -> &mut ViperArm {
+    pub(crate) fn arm(&mut self) -> &mut ViperArm {
         self.arm.as_mut().unwrap()
     }
 
-    pub fn emulator(&self) -> &Emulator {
+    pub(crate) fn emulator(&self) -> &Emulator {
         self.rig.emulator()
     }
 
-    pub fn mode(&self) -> ArmMode {
+    pub(crate) fn mode(&self) -> ArmMode {
         self.arm.as_ref().unwrap().monitor().mode()
     }
 
-    pub fn reason(&self) -> Option<FaultReason> {
+    pub(crate) fn reason(&self) -> Option<FaultReason> {
         match self.mode() {
             ArmMode::Faulted(reason) => Some(reason),
             _ => None,
@@ -72,18 +72,18 @@ impl Bench {
     }
 
     /// One period passes.
-    pub fn tick(&mut self) {
+    pub(crate) fn tick(&mut self) {
         self.now = self.now + PERIOD;
         self.rig.advance_to(self.now);
     }
 
     /// Periods pass without a command.
-    pub fn rest(&mut self, ticks: u32) {
+    pub(crate) fn rest(&mut self, ticks: u32) {
         (0..ticks).for_each(|_| self.tick());
     }
 
     /// One command with the present time.
-    pub fn command(&mut self, rates: [f64; 6]) -> Result<(), Error> {
+    pub(crate) fn command(&mut self, rates: [f64; 6]) -> Result<(), Error> {
         self.sequence += 1;
         let command = RateCommand {
             sequence: self.sequence,
@@ -94,7 +94,7 @@ impl Bench {
     }
 
     /// A command every period.
-    pub fn go(&mut self, rates: [f64; 6], ticks: u32) {
+    pub(crate) fn go(&mut self, rates: [f64; 6], ticks: u32) {
         for _ in 0..ticks {
             self.command(rates).unwrap();
             self.tick();
@@ -102,7 +102,7 @@ impl Bench {
     }
 
     /// The same, whether or not the driver takes it.
-    pub fn try_to_go(&mut self, rates: [f64; 6], ticks: u32) {
+    pub(crate) fn try_to_go(&mut self, rates: [f64; 6], ticks: u32) {
         for _ in 0..ticks {
             let _ = self.command(rates);
             self.tick();
@@ -110,21 +110,21 @@ impl Bench {
     }
 
     /// Travel of the truth since `from`: largest joint \[rad\].
-    pub fn travel(&self, from: &Joints) -> f64 {
+    pub(crate) fn travel(&self, from: &Joints) -> f64 {
         self.truth().zip(from, |a, b| a - b).max_abs()
     }
 
-    pub fn truth(&self) -> Joints {
+    pub(crate) fn truth(&self) -> Joints {
         self.emulator().true_joints()
     }
 
-    pub fn entries(&self) -> Vec<Entry> {
+    pub(crate) fn entries(&self) -> Vec<Entry> {
         self.emulator().journal().entries().cloned().collect()
     }
 
     /// The arm stands still for a second while a caller goes on commanding, and stays disabled
     /// until it is reset and enabled.
-    pub fn assert_dead(&mut self) {
+    pub(crate) fn assert_dead(&mut self) {
         let at = self.truth();
         self.try_to_go(slow(), 62);
         assert!(
@@ -140,7 +140,7 @@ impl Bench {
     }
 
     /// Reset and enable bring it back.
-    pub fn assert_revives(&mut self) {
+    pub(crate) fn assert_revives(&mut self) {
         self.rest(20);
         self.arm().reset().unwrap();
         assert_eq!(self.mode(), ArmMode::Connected);
@@ -152,15 +152,15 @@ impl Bench {
 }
 
 /// About 5 mm/s at the needle.
-pub fn slow() -> [f64; 6] {
+pub(crate) fn slow() -> [f64; 6] {
     [0.01, 0.008, -0.008, 0.005, 0.01, 0.05]
 }
 
 /// Largest rate of [`slow`] over a period: one segment \[rad\].
-pub const SEGMENT: f64 = 0.05 * 0.016;
+pub(crate) const SEGMENT: f64 = 0.05 * 0.016;
 
 /// Every position in a journal.
-pub fn positions(entries: &[Entry]) -> impl Iterator<Item = (Stamp, Joints)> {
+pub(crate) fn positions(entries: &[Entry]) -> impl Iterator<Item = (Stamp, Joints)> {
     entries.iter().filter_map(|entry| match entry.record {
         Record::Position(joints) => Some((entry.stamp, joints)),
         _ => None,

@@ -30,14 +30,15 @@ fn steer_and_2018_connect_enable_move_and_rest() {
     }
 }
 
-/// Smooth rates with standstill, reversals and different frequencies per joint.
+/// Smooth rates with standstill, reversals and different frequencies per joint, within all
+/// limits: the driver keeps half a degree from the ends of the joints, the simulator nothing.
 fn rates(tick: u32) -> Joints {
     let t = f64::from(tick) * PERIOD.as_secs_f64();
     let envelope = (0.4 * t).sin().max(0.0);
     let mut rates = [0.0; 6];
     for (joint, rate) in (1_u32..).zip(&mut rates) {
         let joint = f64::from(joint);
-        *rate = 0.1 * joint * envelope * (0.3 * joint * t).sin();
+        *rate = 0.07 * joint * envelope * (0.3 * joint * t).sin();
     }
     Joints::from(rates)
 }
@@ -114,7 +115,7 @@ fn t17_simulator_and_driver_give_the_same_trace_in_lockstep() {
     let travel = memory
         .iter()
         .map(|q| q.zip(&Joints::from(HOME), |a, b| a - b).max_abs());
-    assert!(travel.fold(0.0, f64::max) > 0.3);
+    assert!(travel.fold(0.0, f64::max) > 0.2);
     // Single precision on the wire: half a unit in the last place of 2..4 rad.
     let difference = largest_difference(&memory, &simulated);
     println!("simulator against driver: {difference:.2e} rad");

@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 use hal::frame::{LeftCamera, World};
 use hal::{ArmState, RateCommand, SensedShape, Stamp, StereoFrame, Telemetry, Transform};
 
-use rosrust::RosMsg;
+use crate::seam::RosMsg;
 
 use crate::msg::needle_steer_msgs;
 

@@ -5,12 +5,12 @@ use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
 
+use crate::seam::RosMsg;
 use hal::{CameraFrame, StereoFrame, Telemetry};
 use mcap::McapError;
 use mcap::records::{Record as Raw, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
-use rosrust::RosMsg;
 
 use super::topic::{
     MESSAGE_ENCODING, META_DOCUMENT, META_LABELS, META_RUN, META_VERSIONS, TOPICS, Topic,

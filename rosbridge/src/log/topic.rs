@@ -1,6 +1,6 @@
 //! The channels of a log.
 
-use rosrust::Message;
+use crate::seam::Message;
 
 use crate::msg::{
     geometry_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs, tf2_msgs, visualization_msgs,

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::io::{self, BufWriter, Write};
 use std::time::Duration;
 
+use crate::seam::RosMsg;
 use hal::frame::{Frame, LeftCamera, RightCamera};
 use hal::{Stamp, Telemetry};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
-use rosrust::RosMsg;
 
 use super::topic::{
     MESSAGE_ENCODING, META_DOCUMENT, META_LABELS, META_RUN, META_VERSIONS, PROFILE,
@@ -150,7 +150,8 @@ impl<W: Write> LogWriter<W> {
 
     fn step(&mut self, t: &Telemetry) -> Result<(), WriteError> {
         self.put(Topic::Step, t.stamp, &needle_steer_msgs::Step::from(t))?;
-        let joints = display::joint_state(t, &self.joint_names);
+        let header = convert::header(t.stamp, "", t.step);
+        let joints = display::joint_state(header, &self.joint_names, [&t.joints, &t.joint_rates]);
         self.put(Topic::JointStates, t.stamp, &joints)?;
         self.put(Topic::Tip, t.stamp, &display::tip(t))?;
         let needle = vec![

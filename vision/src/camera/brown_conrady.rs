@@ -74,15 +74,25 @@ impl Distortion {
         // 1e-13 of a focal length: below a billionth of a pixel.
         const SETTLED: f64 = 1e-26;
         let mut n = *distorted;
-        for _ in 0..20 {
+        let mut step = Vector2::zeros();
+        let mut missed = f64::INFINITY;
+        for _ in 0..40 {
             let (value, j) = self.apply_with_derivative(&n);
             let e = distorted - value;
             let det = j[(0, 0)] * j[(1, 1)] - j[(0, 1)] * j[(1, 0)];
-            // On the branch that begins at the centre the map keeps its orientation.
-            if det.is_nan() || det <= 1e-6 {
-                return None;
+            let miss = e.norm_squared();
+            // On the branch that begins at the centre the map keeps its orientation: a step
+            // that leaves it, or that does not come nearer, was too long. (Rounding may miss.)
+            if det.is_nan() || det <= 1e-6 || (miss > missed && miss > SETTLED) {
+                if step.norm_squared() < SETTLED {
+                    return None;
+                }
+                step *= 0.5;
+                n -= step;
+                continue;
             }
-            let step = Vector2::new(
+            missed = miss;
+            step = Vector2::new(
                 j[(1, 1)] * e.x - j[(0, 1)] * e.y,
                 j[(0, 0)] * e.y - j[(1, 0)] * e.x,
             ) / det;

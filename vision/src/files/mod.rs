@@ -40,6 +40,14 @@ pub enum FileError {
         /// What the parser said.
         source: yaml_rust2::ScanError,
     },
+    /// The file is no JSON of the expected form.
+    #[error("{}: {source}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What the parser said, with line and key.
+        source: serde_json::Error,
+    },
     /// A key is missing or of another kind.
     #[error("{}: key `{key}`: expected {expected}", path.display())]
     Key {

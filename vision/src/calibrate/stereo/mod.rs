@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Point2, SMatrix};
 use super::bundle::{Minimum, NoMinimum, minimise};
 use super::monocular::{Monocular, fit};
 use super::normal::{INTRINSICS, Observed};
-use super::{Board, bundle, rectified_dy};
+use super::{Board, bundle, rectified_dy, zhang};
 use crate::camera::StereoRig;
 use crate::detect::irregular_corner;
 use joint::Joint;
@@ -163,7 +163,7 @@ pub fn calibrate_stereo(
         });
         let mono = |s: usize, stage| {
             fit(&points, &corners[s], &kept[s], image_size, options.huber_px)
-                .map_err(|_: NoMinimum| CalibrationError::NoMinimum { stage })
+                .map_err(|_: NoMinimum| no_fit(stage, &points, &corners[s], image_size))
         };
         let (left, right) = (mono(0, "left")?, mono(1, "right")?);
         well_posed("left", &left)?;
@@ -258,23 +258,48 @@ fn all_of(corners: &[&[Point2<f64>]]) -> Vec<Observed> {
         .collect()
 }
 
+/// With less than five degrees between all boards, focal length and distance are hardly
+/// separable \[rad\].
+const LEAST_SPREAD: f64 = 0.087;
+
+/// Greatest angle between two boards' normals.
+fn normal_spread(camera_from_board: &[Isometry3<f64>]) -> f64 {
+    let normal = |p: &Isometry3<f64>| p.rotation * nalgebra::Vector3::z();
+    let mut spread = 0.0_f64;
+    for (k, a) in camera_from_board.iter().enumerate() {
+        for b in &camera_from_board[..k] {
+            spread = spread.max(normal(a).angle(&normal(b)));
+        }
+    }
+    spread
+}
+
+/// Why a monocular fit found no minimum: parallel views leave it a valley.
+fn no_fit(
+    camera: &'static str,
+    board: &[Point2<f64>],
+    corners: &[&[Point2<f64>]],
+    image_size: (usize, usize),
+) -> CalibrationError {
+    let spread = zhang::start(board, corners, image_size)
+        .map(|s| normal_spread(&s.camera_from_board))
+        .filter(|&s| s < 2.0 * LEAST_SPREAD);
+    match spread {
+        Some(spread) => CalibrationError::Degenerate {
+            camera,
+            spread_deg: spread.to_degrees(),
+            focal_sigma_percent: f64::INFINITY,
+        },
+        None => CalibrationError::NoMinimum { stage: camera },
+    }
+}
+
 /// Refuses views that do not determine a camera.
 fn well_posed(
     camera: &'static str,
     fit: &Minimum<Monocular<'_>, INTRINSICS>,
 ) -> Result<(), CalibrationError> {
-    let normals: Vec<_> = fit
-        .bundle
-        .camera_from_board
-        .iter()
-        .map(|p| p.rotation * nalgebra::Vector3::z())
-        .collect();
-    let mut spread = 0.0_f64;
-    for (k, a) in normals.iter().enumerate() {
-        for b in &normals[..k] {
-            spread = spread.max(a.angle(b));
-        }
-    }
+    let spread = normal_spread(&fit.bundle.camera_from_board);
     let information = fit
         .blocks
         .iter()
@@ -283,7 +308,7 @@ fn well_posed(
         });
     let corners: usize = fit.bundle.observed.iter().flatten().flatten().count();
     let freedom = (2 * corners)
-        .saturating_sub(INTRINSICS + 6 * normals.len())
+        .saturating_sub(INTRINSICS + 6 * fit.blocks.len())
         .max(1);
     let variance = fit.cost / freedom as f64;
     let sigma = information
@@ -292,8 +317,7 @@ fn well_posed(
             (c[(0, 0)].max(c[(1, 1)]) * variance).sqrt()
         });
     let focal_sigma_percent = 100.0 * sigma / fit.bundle.camera.fx;
-    // With five degrees between all boards focal length and distance are hardly separable.
-    if spread.to_degrees() < 5.0 || focal_sigma_percent.is_nan() || focal_sigma_percent > 5.0 {
+    if spread < LEAST_SPREAD || focal_sigma_percent.is_nan() || focal_sigma_percent > 5.0 {
         return Err(CalibrationError::Degenerate {
             camera,
             spread_deg: spread.to_degrees(),

@@ -102,11 +102,11 @@ pub enum RejectReason {
         /// Distance from where it should be.
         distance_px: f64,
     },
-    /// A view that the others contradict.
+    /// A view that the others contradict: by its RMS, or by many corners beyond their limit.
     View {
-        /// RMS of its corners.
+        /// RMS of the worse of its two images.
         rms_px: f64,
-        /// Limit that it exceeds.
+        /// Limit of that RMS.
         limit_px: f64,
     },
     /// A corner that the fit contradicts; the rest of the pair counts.
@@ -136,7 +136,7 @@ impl fmt::Display for Rejected {
             ),
             RejectReason::View { rms_px, limit_px } => write!(
                 f,
-                "{} and {}: RMS {rms_px:.2} px above {limit_px:.2} px",
+                "{} and {}: the others contradict them (RMS {rms_px:.2} px, limit {limit_px:.2} px)",
                 self.left, self.right
             ),
             RejectReason::Corner {

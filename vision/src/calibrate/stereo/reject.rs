@@ -44,18 +44,42 @@ pub(super) fn reject(
             ]
         })
         .collect();
+    // A view is as good as the worse of its images.
     let view_rms: Vec<f64> = misses
         .iter()
-        .map(|view| rms(view.iter().flatten().flatten()))
+        .map(|view| {
+            let of = |side: usize| rms(view[side].iter().flatten());
+            of(0).max(of(1))
+        })
         .collect();
     let limit = options.view_limit_px.max(3.0 * median(&view_rms));
+    let all: Vec<f64> = misses
+        .iter()
+        .flatten()
+        .flatten()
+        .flatten()
+        .copied()
+        .collect();
+    // The median length of a plane's Gaussian is 1.177 sigma.
+    let corner_limit = options.corner_limit_px.max(8.0 * median(&all) / 1.177);
+    // Beyond a twentieth of its corners, an image shows no plain board.
+    let many = |view: &[Vec<Option<f64>>; 2]| {
+        view.iter().any(|lengths| {
+            let beyond = lengths
+                .iter()
+                .flatten()
+                .filter(|&&l| l > corner_limit)
+                .count();
+            beyond > 2.max(lengths.len() / 20)
+        })
+    };
     let of_pair = |k: usize, reason| Rejected {
         left: pairs[k].left_name.clone(),
         right: pairs[k].right_name.clone(),
         reason,
     };
-    for (&k, &rms_px) in used.iter().zip(&view_rms) {
-        if rms_px > limit {
+    for ((&k, &rms_px), view) in used.iter().zip(&view_rms).zip(&misses) {
+        if rms_px > limit || many(view) {
             found.views.insert(k);
             found.rejected.push(of_pair(
                 k,
@@ -69,19 +93,10 @@ pub(super) fn reject(
     if !found.views.is_empty() {
         return found;
     }
-    let all: Vec<f64> = misses
-        .iter()
-        .flatten()
-        .flatten()
-        .flatten()
-        .copied()
-        .collect();
-    // The median length of a plane's Gaussian is 1.177 sigma.
-    let limit = options.corner_limit_px.max(8.0 * median(&all) / 1.177);
     for (&k, view) in used.iter().zip(&misses) {
         for (side, lengths) in view.iter().enumerate() {
             for (corner, length) in lengths.iter().enumerate() {
-                let Some(distance_px) = length.filter(|&l| l > limit) else {
+                let Some(distance_px) = length.filter(|&l| l > corner_limit) else {
                     continue;
                 };
                 observed[side][k][corner] = None;
@@ -93,16 +108,10 @@ pub(super) fn reject(
                         image,
                         corner,
                         distance_px,
-                        limit_px: limit,
+                        limit_px: corner_limit,
                     },
                 ));
             }
-        }
-        let left = observed[0][k].iter().flatten().count();
-        let right = observed[1][k].iter().flatten().count();
-        // A board that lost a fifth of its corners is not what it seems.
-        if (left + right) * 5 < (pairs[k].left.len() + pairs[k].right.len()) * 4 {
-            found.views.insert(k);
         }
     }
     found

@@ -1,0 +1,168 @@
+//! URDFs that are broken, each with an error that names the element, and one of seven joints.
+
+use hal::Joints;
+use robots::arms::{NEEDLE_BASE, VIPER_S650};
+use robots::kinematics::{Chain, Turns, UrdfError};
+
+const JOINT_3_ORIGIN: &str = r#"<origin xyz="0.270 0 0" rpy="0 0 0"/>
+    <parent link="link_2"/>"#;
+
+fn error_of(from: &str, to: &str) -> UrdfError {
+    let broken = VIPER_S650.replacen(from, to, 1);
+    assert_ne!(broken, VIPER_S650, "{from} is not in the file");
+    Chain::from_urdf(&broken, NEEDLE_BASE).unwrap_err()
+}
+
+/// What a change of the Viper's URDF is answered with, and what the message has to name.
+#[test]
+fn broken_files_name_the_element() {
+    let joint_3 = |to: &str| error_of(JOINT_3_ORIGIN, to);
+    let twice = format!("<origin xyz=\"0 0 0\"/>{JOINT_3_ORIGIN}");
+    let limit_3 = r#"<limit lower="-0.5061454830783556" upper="4.468042885105484" effort="0" velocity="6.544984694978735"/>"#;
+    let joint_3_type = r#"<joint name="joint_3" type="revolute">"#;
+    let cases: [(UrdfError, &[&str]); 16] = [
+        (joint_3(&twice), &["joint_3", "<origin>"]),
+        (error_of(limit_3, ""), &["joint_3", "<limit> is missing"]),
+        (
+            error_of(limit_3, r#"<limit effort="0" velocity="1"/>"#),
+            &["joint_3", "no motion"],
+        ),
+        (
+            error_of(
+                limit_3,
+                r#"<limit lower="-1" upper="1" effort="0" velocity="0"/>"#,
+            ),
+            &["joint_3", "no motion"],
+        ),
+        (
+            error_of(
+                limit_3,
+                r#"<limit lower="-inf" upper="1" effort="0" velocity="1"/>"#,
+            ),
+            &["joint_3", "<limit>"],
+        ),
+        (
+            joint_3(&JOINT_3_ORIGIN.replace("0.270", "NaN")),
+            &["joint_3", "<origin>"],
+        ),
+        (
+            joint_3(&JOINT_3_ORIGIN.replace("link_2", "link_9")),
+            &["joint_3", "link_9"],
+        ),
+        (
+            joint_3(&JOINT_3_ORIGIN.replace("link_2", "link_5")),
+            &["loop"],
+        ),
+        (
+            error_of(joint_3_type, r#"<joint name="joint_3" type="prismatic">"#),
+            &["joint_3", "prismatic"],
+        ),
+        (
+            error_of(joint_3_type, r#"<joint name="joint_3" type="continuous">"#),
+            &["joint_3", "continuous"],
+        ),
+        (
+            error_of(joint_3_type, r#"<joint name="joint_3" type="fixed">"#),
+            &["base_link", "needle_base", "5"],
+        ),
+        (
+            error_of(joint_3_type, r#"<joint name="joint_2" type="revolute">"#),
+            &["joint_2", "twice"],
+        ),
+        (
+            error_of(limit_3, &format!("{limit_3}<mimic joint=\"joint_1\"/>")),
+            &["joint_3", "joint_1"],
+        ),
+        (
+            error_of(
+                "<link name=\"tool0\"/>",
+                "<link name=\"tool0\"/><link name=\"lost\"/>",
+            ),
+            &["lost", "roots"],
+        ),
+        (
+            error_of("<child link=\"tool0\"/>", "<child link=\"needle_base\"/>"),
+            &["needle_base", "loop"],
+        ),
+        (error_of("</robot>", "</robt>"), &["XML"]),
+    ];
+    for (error, names) in cases {
+        let message = error.to_string();
+        for name in names {
+            assert!(message.contains(name), "{message:?} does not name {name:?}");
+        }
+    }
+}
+
+#[test]
+fn a_zero_axis_and_an_unknown_tip_are_named() {
+    let zero = VIPER_S650.replace(r#"<axis xyz="0 1 0"/>"#, r#"<axis xyz="0 0 0"/>"#);
+    let message = Chain::from_urdf(&zero, NEEDLE_BASE)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("joint_2") && message.contains("<axis>"),
+        "{message}"
+    );
+    let message = Chain::from_urdf(VIPER_S650, "hand")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("hand") && message.contains("needle_base"),
+        "{message}"
+    );
+    for text in [
+        "",
+        "<robot/>",
+        "<robot name=\"r\"><link/></robot>",
+        "not xml",
+        "<a><b></a>",
+    ] {
+        assert!(Chain::from_urdf(text, NEEDLE_BASE).is_err(), "{text:?}");
+    }
+}
+
+/// A 7-joint arm with the published lengths of the KUKA LBR iiwa 14 R820.
+fn seven_joints() -> String {
+    let mut urdf = String::from("<robot name=\"seven\"><link name=\"l0\"/>");
+    let joints = [
+        (0.36, "0 0 1", 170),
+        (0.0, "0 1 0", 120),
+        (0.42, "0 0 1", 170),
+        (0.0, "0 -1 0", 120),
+        (0.40, "0 0 1", 170),
+        (0.0, "0 1 0", 120),
+        (0.126, "0 0 1", 175),
+    ];
+    for (i, (z, axis, range)) in joints.iter().enumerate() {
+        let range = f64::from(*range).to_radians();
+        let next = i + 1;
+        urdf += &format!(
+            "<link name=\"l{next}\"/><joint name=\"j{next}\" type=\"revolute\"><parent link=\"l{i}\"/>\
+             <child link=\"l{next}\"/><origin xyz=\"0 0 {z}\"/><axis xyz=\"{axis}\"/>\
+             <limit lower=\"-{range}\" upper=\"{range}\" effort=\"1\" velocity=\"1.7\"/></joint>"
+        );
+    }
+    urdf + "</robot>"
+}
+
+#[test]
+fn seven_joints_work_as_six_do() {
+    let chain = Chain::from_urdf(&seven_joints(), "l7").unwrap();
+    assert_eq!(chain.len(), 7);
+    let q = Joints::from([0.3, 0.7, -0.4, 1.1, 0.5, -0.8, 0.2]);
+    let pose = chain.forward(&q);
+    let solutions = chain.inverse(&pose, Turns::One);
+    assert!(solutions.len() > 4, "{}", solutions.len());
+    for solution in &solutions {
+        let error = (chain.forward(solution).to_homogeneous() - pose.to_homogeneous()).norm();
+        assert!(chain.within_limits(solution) && error < 1e-10, "{error:e}");
+    }
+    let twist = hal::Twist {
+        linear: nalgebra::Vector3::new(0.01, -0.02, 0.005),
+        angular: nalgebra::Vector3::new(0.1, 0.05, -0.2),
+    };
+    let out = chain.rates(&q, &twist, &robots::kinematics::RateSettings::default());
+    assert_eq!(out.rates.len(), 7);
+    assert!((out.realised.to_vector() - twist.to_vector()).norm() < 1e-12);
+}

@@ -1,0 +1,164 @@
+//! A run on ROS topics, and requests from ROS.
+//!
+//! The run hands over snapshots and polls for requests; neither call ever waits. A thread of the
+//! bridge publishes at the rates below, whatever the rate of the run:
+//!
+//! | topic | type | rate on the wall clock |
+//! |---|---|---|
+//! | `joint_states` | `sensor_msgs/JointState` | 100 Hz |
+//! | `/tf` (tip below the needle's base) | `tf2_msgs/TFMessage` | 50 Hz |
+//! | `/tf_static` (world, cameras; latched) | `tf2_msgs/TFMessage` | once |
+//! | `needle/tip` | `geometry_msgs/PoseStamped` | 50 Hz |
+//! | `needle/state` | `needle_steer_msgs/State` | 50 Hz |
+//! | `needle/markers` | `visualization_msgs/MarkerArray` | 20 Hz |
+//! | `left/image_raw`, `right/image_raw`, `.../camera_info` | `sensor_msgs/Image`, `CameraInfo` | as taken, with subscribers |
+//! | `overlay` | `sensor_msgs/Image` (rgb8) | as shown, with subscribers |
+//! | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | 1 Hz |
+//!
+//! On a [simulated](crate::TimeBase::Simulated) clock every snapshot is published as it comes,
+//! and `/clock` with it.
+
+mod cameras;
+mod diagnostics;
+mod overlay;
+mod publish;
+mod requests;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+use hal::frame::{ArmBase, Flange, LeftCamera, NeedleBase, RightCamera, World};
+use hal::{ArmState, StereoFrame, Telemetry, Transform};
+
+use crate::{Node, NodeError};
+
+pub use cameras::CameraModel;
+pub(crate) use cameras::CameraOutlet;
+pub use overlay::Overlay;
+use publish::Publisher;
+pub use requests::{Command, Request};
+pub(crate) use requests::{Received, Requests};
+
+/// Snapshots that may wait for the bridge's thread.
+const QUEUE: usize = 64;
+
+/// What stands still; becomes `/tf_static`.
+#[derive(Clone, Debug)]
+pub struct Frames {
+    /// The arm's base.
+    pub world_from_arm_base: Transform<World, ArmBase>,
+    /// The needle's holder, where the robot's description does not have it.
+    pub flange_from_needle_base: Option<Transform<Flange, NeedleBase>>,
+    /// The left camera, as registered.
+    pub world_from_left_camera: Transform<World, LeftCamera>,
+    /// The right camera, as calibrated.
+    pub left_from_right: Option<Transform<LeftCamera, RightCamera>>,
+}
+
+/// What a bridge shows.
+#[derive(Clone, Debug)]
+pub struct BridgeOptions {
+    /// Names of the arm's joints, base to flange.
+    pub joint_names: Vec<String>,
+    /// Whether to publish `joint_states`; not with the ROS back end, where the robot does.
+    pub joint_states: bool,
+    /// What stands still.
+    pub frames: Frames,
+    /// Left and right camera, where known.
+    pub cameras: Option<[CameraModel; 2]>,
+}
+
+/// What is to be shown next.
+enum Item {
+    Step(Arc<Telemetry>),
+    Arm(ArmState),
+    Stereo(StereoFrame),
+    Overlay(Overlay),
+}
+
+/// The run's side of the bridge. Dropping it ends its thread; topics stay until the node ends.
+#[derive(Debug)]
+pub struct Bridge {
+    items: Option<SyncSender<Item>>,
+    dropped: Arc<AtomicU64>,
+    requests: Receiver<Received>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Bridge {
+    /// Advertises all topics and services.
+    ///
+    /// # Errors
+    /// The master does not register them.
+    pub fn new(node: &Node, options: BridgeOptions) -> Result<Self, NodeError> {
+        let requests = requests::open(node, options.frames.world_from_left_camera)?;
+        let dropped = Arc::new(AtomicU64::new(0));
+        let publisher = Publisher::new(node, options, Arc::clone(&dropped))?;
+        let (items, queue) = sync_channel(QUEUE);
+        let thread = std::thread::Builder::new()
+            .name("ros-bridge".to_owned())
+            .spawn(move || publisher.run(&queue))
+            .map_err(|error| NodeError::Register {
+                name: "bridge".to_owned(),
+                reason: error.to_string(),
+            })?;
+        Ok(Self {
+            items: Some(items),
+            dropped,
+            requests,
+            thread: Some(thread),
+        })
+    }
+
+    /// Shows a snapshot from now on.
+    pub fn show(&self, telemetry: Arc<Telemetry>) {
+        self.put(Item::Step(telemetry));
+    }
+
+    /// Shows newer feedback of the arm than the last snapshot had.
+    pub fn show_arm(&self, state: ArmState) {
+        self.put(Item::Arm(state));
+    }
+
+    /// Publishes a pair of images.
+    pub fn show_images(&self, frame: StereoFrame) {
+        self.put(Item::Stereo(frame));
+    }
+
+    /// Publishes the left image with the tracked curve drawn in.
+    pub fn show_overlay(&self, overlay: Overlay) {
+        self.put(Item::Overlay(overlay));
+    }
+
+    /// The next request that is not older than 100 ms; older ones are refused and skipped.
+    pub fn poll(&self) -> Option<Request> {
+        self.requests.try_iter().find_map(Received::fresh)
+    }
+
+    /// Items not shown because the bridge was busy.
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    fn put(&self, item: Item) {
+        let sent = self
+            .items
+            .as_ref()
+            .is_some_and(|items| items.try_send(item).is_ok());
+        if !sent {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+impl Drop for Bridge {
+    fn drop(&mut self) {
+        self.items = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic has been reported where it happened.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! The left image with what was tracked in it.
+
+use hal::CameraFrame;
+use hal::frame::{Frame, LeftCamera};
+
+use crate::convert;
+use crate::msg::sensor_msgs;
+use hal::Stamp;
+
+const CURVE: [u8; 3] = [0, 230, 60];
+const TARGET: [u8; 3] = [255, 30, 30];
+/// Half the length of the target's cross \[px\].
+const CROSS: f64 = 8.0;
+
+/// An image and what to draw into it; pixel centres are integers.
+#[derive(Clone, Debug)]
+pub struct Overlay {
+    /// The image.
+    pub image: CameraFrame,
+    /// The tracked curve \[px\].
+    pub curve_px: Vec<[f64; 2]>,
+    /// Where the target is seen \[px\].
+    pub target_px: Option<[f64; 2]>,
+}
+
+impl Overlay {
+    /// Draws; what lies outside the image is left out.
+    pub(super) fn message(&self, stamp: Stamp) -> sensor_msgs::Image {
+        let (width, height) = (self.image.image.width(), self.image.image.height());
+        let mut canvas = Canvas {
+            width,
+            height,
+            rgb: self
+                .image
+                .image
+                .pixels()
+                .iter()
+                .flat_map(|&grey| [grey; 3])
+                .collect(),
+        };
+        for ends in self.curve_px.windows(2) {
+            canvas.line(ends[0], ends[1], CURVE);
+        }
+        if let Some([x, y]) = self.target_px {
+            canvas.line([x - CROSS, y], [x + CROSS, y], TARGET);
+            canvas.line([x, y - CROSS], [x, y + CROSS], TARGET);
+        }
+        let [width, height] = [width, height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
+        sensor_msgs::Image {
+            header: convert::header(stamp, LeftCamera::NAME, self.image.sequence),
+            height,
+            width,
+            encoding: "rgb8".to_owned(),
+            is_bigendian: 0,
+            step: width.saturating_mul(3),
+            data: canvas.rgb,
+        }
+    }
+}
+
+struct Canvas {
+    width: usize,
+    height: usize,
+    rgb: Vec<u8>,
+}
+
+impl Canvas {
+    fn line(&mut self, [x0, y0]: [f64; 2], [x1, y1]: [f64; 2], colour: [u8; 3]) {
+        let steps = (x1 - x0).abs().max((y1 - y0).abs()).ceil();
+        // Neither infinite nor longer than any image's diagonal.
+        let limit = 2.0 * (self.width + self.height) as f64;
+        if !(x0 + y0).is_finite() || !(0.0..=limit).contains(&steps) {
+            return;
+        }
+        let steps = steps.max(1.0);
+        let mut i = 0.0;
+        while i <= steps {
+            let t = i / steps;
+            self.dot(x0 + t * (x1 - x0), y0 + t * (y1 - y0), colour);
+            i += 1.0;
+        }
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "checked to lie inside the image"
+    )]
+    fn dot(&mut self, x: f64, y: f64, colour: [u8; 3]) {
+        let (x, y) = (x.round(), y.round());
+        let inside = x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
+        if inside {
+            let at = 3 * (y as usize * self.width + x as usize);
+            if let Some(pixel) = self.rgb.get_mut(at..at + 3) {
+                pixel.copy_from_slice(&colour);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hal::GrayImage;
+
+    #[test]
+    fn draws_inside_and_leaves_out_what_is_not() {
+        let image = CameraFrame {
+            stamp: Stamp::ZERO,
+            sequence: 3,
+            image: GrayImage::filled(20, 10, 7).into(),
+        };
+        let curve_px = vec![[2.0, 4.0], [6.0, 4.0], [900.0, 4.0], [f64::NAN, 1.0]];
+        let overlay = Overlay {
+            image,
+            curve_px,
+            target_px: Some([15.0, 5.0]),
+        };
+        let message = overlay.message(Stamp::ZERO);
+        let pixel = |x: usize, y: usize| &message.data[3 * (20 * y + x)..][..3];
+        assert_eq!((message.step, message.data.len()), (60, 600));
+        assert_eq!(pixel(2, 4), CURVE);
+        assert_eq!(pixel(6, 4), CURVE);
+        assert_eq!(pixel(15, 9), TARGET);
+        assert_eq!(pixel(0, 0), [7; 3]);
+        assert_eq!(pixel(8, 3), [7; 3]);
+    }
+}

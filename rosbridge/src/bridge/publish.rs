@@ -1,0 +1,252 @@
+//! The bridge's thread: what is published when.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+
+use hal::frame::World;
+use hal::{ArmState, Joints, Stamp, Telemetry};
+
+use super::cameras::CameraOutlet;
+use super::{BridgeOptions, Frames, Item, diagnostics};
+use crate::convert;
+use crate::display;
+use crate::msg::{
+    diagnostic_msgs, geometry_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs, tf2_msgs,
+    visualization_msgs,
+};
+use crate::seam::{Node, NodeError, Outlet, TimeBase};
+
+/// Period of `joint_states`; everything else happens every so many of them.
+const TICK: Duration = Duration::from_millis(10);
+const POSES_EVERY: u64 = 2;
+const MARKERS_EVERY: u64 = 5;
+const DIAGNOSTICS_EVERY: u64 = 100;
+
+/// The topics and the newest state.
+pub(super) struct Publisher {
+    node: Node,
+    joint_names: Vec<String>,
+    clock: Option<Outlet<rosgraph_msgs::Clock>>,
+    joint_states: Option<Outlet<sensor_msgs::JointState>>,
+    tf: Outlet<tf2_msgs::TFMessage>,
+    _tf_static: Outlet<tf2_msgs::TFMessage>,
+    tip: Outlet<geometry_msgs::PoseStamped>,
+    state: Outlet<needle_steer_msgs::State>,
+    markers: Outlet<visualization_msgs::MarkerArray>,
+    cameras: [CameraOutlet; 2],
+    overlay: Outlet<sensor_msgs::Image>,
+    diagnostics: Outlet<diagnostic_msgs::DiagnosticArray>,
+    dropped: Arc<AtomicU64>,
+    latest: Option<Arc<Telemetry>>,
+    joints: Option<Sample>,
+    next_markers: Stamp,
+    ticks: u64,
+}
+
+/// Joint positions and rates, when they were true, and when they came.
+#[derive(Clone, Copy)]
+struct Sample {
+    stamp: Stamp,
+    positions: Joints,
+    rates: Joints,
+}
+
+impl Publisher {
+    pub(super) fn new(
+        node: &Node,
+        options: BridgeOptions,
+        dropped: Arc<AtomicU64>,
+    ) -> Result<Self, NodeError> {
+        let simulated = node.time_base() == TimeBase::Simulated;
+        let [left, right] = match options.cameras {
+            Some(models) => models.map(Some),
+            None => [None; 2],
+        };
+        let clock = if simulated {
+            Some(Outlet::new(node, "/clock", 10, false)?)
+        } else {
+            None
+        };
+        let joint_states = if options.joint_states {
+            Some(Outlet::new(node, "joint_states", 10, false)?)
+        } else {
+            None
+        };
+        let tf_static = Outlet::new(node, "/tf_static", 10, true)?;
+        tf_static.send(still(&options.frames, node.clock().ros_stamp(Stamp::ZERO)));
+        Ok(Self {
+            joint_names: options.joint_names,
+            clock,
+            joint_states,
+            tf: Outlet::new(node, "/tf", 50, false)?,
+            _tf_static: tf_static,
+            tip: Outlet::new(node, "needle/tip", 10, false)?,
+            state: Outlet::new(node, "needle/state", 10, false)?,
+            markers: Outlet::new(node, "needle/markers", 2, false)?,
+            cameras: [
+                CameraOutlet::left(node, left)?,
+                CameraOutlet::right(node, right)?,
+            ],
+            overlay: Outlet::new(node, "overlay", 2, false)?,
+            diagnostics: Outlet::new(node, "/diagnostics", 2, false)?,
+            dropped,
+            latest: None,
+            joints: None,
+            next_markers: Stamp::ZERO,
+            ticks: 0,
+            node: node.clone(),
+        })
+    }
+
+    /// Publishes until the run's side is dropped.
+    #[expect(clippy::disallowed_methods, reason = "the rates are wall-clock rates")]
+    pub(super) fn run(mut self, items: &Receiver<Item>) {
+        let mut next = Instant::now() + TICK;
+        loop {
+            match items.recv_timeout(next.saturating_duration_since(Instant::now())) {
+                Ok(item) => self.take(item),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            let now = Instant::now();
+            if now >= next {
+                self.tick();
+                next += TICK;
+                if now > next + 10 * TICK {
+                    // The machine slept: go on from here instead of catching up.
+                    next = now + TICK;
+                }
+            }
+        }
+    }
+
+    fn take(&mut self, item: Item) {
+        match item {
+            Item::Step(telemetry) => {
+                let newer = self
+                    .joints
+                    .is_none_or(|joints| joints.stamp < telemetry.stamp);
+                if newer {
+                    self.joints = Some(Sample {
+                        stamp: telemetry.stamp,
+                        positions: telemetry.joints,
+                        rates: telemetry.joint_rates,
+                    });
+                }
+                if self.clock.is_some() {
+                    self.step_of_simulation(&telemetry);
+                }
+                self.latest = Some(telemetry);
+            }
+            Item::Arm(ArmState {
+                stamp,
+                positions,
+                rates,
+                ..
+            }) => {
+                self.joints = Some(Sample {
+                    stamp,
+                    positions,
+                    rates,
+                });
+            }
+            Item::Stereo(frame) => {
+                let [left, right] = &self.cameras;
+                left.send(self.node.clock(), &frame.left);
+                right.send(self.node.clock(), &frame.right);
+            }
+            Item::Overlay(overlay) => {
+                if self.overlay.subscribers() > 0 {
+                    self.overlay
+                        .send(overlay.message(self.node.clock().ros_stamp(overlay.image.stamp)));
+                }
+            }
+        }
+    }
+
+    /// On a simulated clock everything is published once, stamped with the run's own time.
+    fn step_of_simulation(&mut self, telemetry: &Telemetry) {
+        let stamp = self.node.clock().ros_stamp(telemetry.stamp);
+        if let Some(clock) = &self.clock {
+            clock.send(rosgraph_msgs::Clock {
+                clock: convert::time(stamp),
+            });
+        }
+        self.send_joints(stamp);
+        self.send_poses(telemetry, stamp);
+        if telemetry.stamp >= self.next_markers {
+            self.next_markers = telemetry.stamp + Duration::from_millis(50);
+            self.markers.send(display::markers(&at(telemetry, stamp)));
+        }
+    }
+
+    /// Publishes what is due, stamped with the present: what was measured still holds.
+    fn tick(&mut self) {
+        self.ticks += 1;
+        let due = |every: u64| self.ticks.is_multiple_of(every);
+        let stamp = self.node.clock().ros_stamp(self.node.clock().now());
+        if due(DIAGNOSTICS_EVERY) {
+            let dropped = self.dropped.load(Ordering::Relaxed);
+            let message =
+                diagnostics::message(self.latest.as_deref(), stamp, self.node.name(), dropped);
+            self.diagnostics.send(message);
+        }
+        if self.clock.is_some() {
+            return;
+        }
+        self.send_joints(stamp);
+        if let Some(telemetry) = &self.latest {
+            if due(POSES_EVERY) {
+                self.send_poses(telemetry, stamp);
+            }
+            if due(MARKERS_EVERY) {
+                self.markers.send(display::markers(&at(telemetry, stamp)));
+            }
+        }
+    }
+
+    fn send_joints(&self, stamp: Stamp) {
+        if let (Some(outlet), Some(joints)) = (&self.joint_states, &self.joints) {
+            let header = convert::header(stamp, "", 0);
+            let values = [&joints.positions, &joints.rates];
+            outlet.send(display::joint_state(header, &self.joint_names, values));
+        }
+    }
+
+    fn send_poses(&self, telemetry: &Telemetry, stamp: Stamp) {
+        let shown = at(telemetry, stamp);
+        self.tf.send(display::tree(vec![display::tip_edge(&shown)]));
+        self.tip.send(display::tip(&shown));
+        self.state.send(display::state(&shown));
+    }
+}
+
+/// The snapshot with another stamp.
+fn at(telemetry: &Telemetry, stamp: Stamp) -> Telemetry {
+    Telemetry {
+        stamp,
+        ..telemetry.clone()
+    }
+}
+
+fn still(frames: &Frames, stamp: Stamp) -> tf2_msgs::TFMessage {
+    let mut edges = vec![
+        display::edge::<World, _>(&frames.world_from_arm_base, stamp),
+        display::edge(&frames.world_from_left_camera, stamp),
+    ];
+    edges.extend(
+        frames
+            .flange_from_needle_base
+            .iter()
+            .map(|holder| display::edge(holder, stamp)),
+    );
+    edges.extend(
+        frames
+            .left_from_right
+            .iter()
+            .map(|right| display::edge(right, stamp)),
+    );
+    display::tree(edges)
+}

@@ -1,0 +1,56 @@
+//! A topic to which the node listens.
+
+use std::sync::{Arc, Mutex};
+
+use rosrust::api::Ros;
+use rosrust::{Message, Subscriber};
+
+use super::{Node, NodeError, Part, lock, reason};
+
+/// Keeps a subscription alive, also over masters that go and come back; it ends with the node.
+pub(crate) struct Inlet;
+
+struct InletPart<M: Message> {
+    topic: String,
+    queue: usize,
+    handler: Arc<dyn Fn(M) + Send + Sync>,
+    subscriber: Mutex<Option<Subscriber>>,
+}
+
+impl Inlet {
+    /// Subscribes; `handler` runs on a thread of the topic and must not block.
+    pub(crate) fn open<M: Message>(
+        node: &Node,
+        topic: &str,
+        queue: usize,
+        handler: impl Fn(M) + Send + Sync + 'static,
+    ) -> Result<(), NodeError> {
+        let part = InletPart {
+            topic: topic.to_owned(),
+            queue,
+            handler: Arc::new(handler),
+            subscriber: Mutex::new(None),
+        };
+        node.add(topic, Arc::new(part))
+    }
+}
+
+impl<M: Message> Part for InletPart<M> {
+    fn register(&self, ros: &Ros) -> Result<(), NodeError> {
+        self.close();
+        let handler = Arc::clone(&self.handler);
+        let subscriber = ros
+            .subscribe::<M, _>(&self.topic, self.queue, move |message| handler(message))
+            .map_err(|error| NodeError::Register {
+                name: self.topic.clone(),
+                reason: reason(&error),
+            })?;
+        *lock(&self.subscriber) = Some(subscriber);
+        Ok(())
+    }
+
+    fn close(&self) {
+        let subscriber = lock(&self.subscriber).take();
+        drop(subscriber);
+    }
+}

@@ -1,0 +1,321 @@
+//! The only module that knows rosrust: a node, and topics and services that outlive the master.
+//!
+//! What rosrust leaves open is cured here: calls to the master happen on threads with a deadline,
+//! registrations are renewed when a master comes back, sockets time out, and a node unregisters
+//! what it registered.
+
+mod inlet;
+mod outlet;
+mod service;
+mod sockets;
+mod watch;
+
+use std::sync::mpsc::sync_channel;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
+
+use hal::Stamp;
+use rosrust::api::{Ros, resolve};
+pub(crate) use rosrust::{Message, RosMsg, Time};
+
+pub(crate) use inlet::Inlet;
+pub(crate) use outlet::Outlet;
+pub(crate) use service::Service;
+use watch::Watch;
+
+/// Longest wait for the master at the start, and at the end.
+const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
+const SHUTDOWN_DEADLINE: Duration = Duration::from_secs(2);
+
+/// What ROS time is on the run's clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimeBase {
+    /// Wall-clock time; the run's clock started `origin` after the Unix epoch.
+    Wall {
+        /// Start of the run's clock.
+        origin: Duration,
+    },
+    /// The run's clock itself, published on `/clock`.
+    Simulated,
+}
+
+/// How to become a ROS node.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NodeOptions {
+    /// Name of the node; `__name:=` on the command line replaces it.
+    pub name: String,
+    /// Whether other machines may connect. ROS 1 has no authentication.
+    pub network: bool,
+    /// What ROS time is.
+    pub time: TimeBase,
+}
+
+/// A node that cannot start, or a topic or service that cannot be registered.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NodeError {
+    /// The node would be open to other machines.
+    #[error(
+        "the ROS node would listen to other machines (as {hostname}), and ROS 1 has no \
+         authentication: set ROS_IP=127.0.0.1, or allow the network in the configuration"
+    )]
+    NotLocal {
+        /// The name by which others would reach it.
+        hostname: String,
+    },
+    /// The master did not answer in time.
+    #[error("the ROS master at {master} does not answer within {seconds} s")]
+    Deadline {
+        /// The master's address.
+        master: String,
+        /// How long it was waited for \[s\].
+        seconds: u64,
+    },
+    /// The master refused or is not there.
+    #[error("no ROS master at {master}: {reason}")]
+    Master {
+        /// The master's address.
+        master: String,
+        /// What went wrong.
+        reason: String,
+    },
+    /// A topic or service could not be registered.
+    #[error("cannot register {name} with the ROS master: {reason}")]
+    Register {
+        /// Topic or service.
+        name: String,
+        /// What went wrong.
+        reason: String,
+    },
+}
+
+/// Something registered with the master.
+trait Part: Send + Sync {
+    /// Registers anew; what was registered before is given up first.
+    fn register(&self, ros: &Ros) -> Result<(), NodeError>;
+    /// Gives up the registration and closes its connections.
+    fn close(&self);
+}
+
+/// What the node has registered.
+#[derive(Default)]
+struct Parts {
+    list: Mutex<Vec<Arc<dyn Part>>>,
+    /// Held while registering; true once the node has ended.
+    closed: Mutex<bool>,
+}
+
+impl Parts {
+    /// Registers a part unless the node has ended.
+    fn register(&self, part: &dyn Part, ros: &Ros) -> Result<(), NodeError> {
+        let closed = lock(&self.closed);
+        if *closed { Ok(()) } else { part.register(ros) }
+    }
+
+    fn close(&self) {
+        *lock(&self.closed) = true;
+        for part in std::mem::take(&mut *lock(&self.list)) {
+            part.close();
+        }
+    }
+}
+
+/// A ROS node. Clones are the same node; it ends with [`shutdown`](Self::shutdown) or with the
+/// last clone.
+#[derive(Clone)]
+pub struct Node {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    ros: Arc<Ros>,
+    parts: Arc<Parts>,
+    watch: Watch,
+    clock: NodeClock,
+}
+
+/// The node's time, without keeping the node alive.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct NodeClock {
+    /// A stamp and the instant it belongs to.
+    started: (Stamp, Instant),
+    base: TimeBase,
+}
+
+impl NodeClock {
+    /// Wall-clock time on the run's clock; monotonic.
+    pub(crate) fn now(&self) -> Stamp {
+        let (stamp, instant) = self.started;
+        stamp + instant.elapsed()
+    }
+
+    /// ROS time of a stamp of the run.
+    pub(crate) fn ros_stamp(&self, stamp: Stamp) -> Stamp {
+        match self.base {
+            TimeBase::Wall { origin } => stamp + origin,
+            // rosrust replaces a stamp of zero by its own clock.
+            TimeBase::Simulated => stamp.max(Stamp::from_nanos(1)),
+        }
+    }
+
+    /// Stamp of the run for a ROS time.
+    pub(crate) fn run_stamp(&self, time: Time) -> Stamp {
+        let stamp = crate::convert::stamp(time);
+        match self.base {
+            TimeBase::Wall { origin } => stamp - origin,
+            TimeBase::Simulated => stamp,
+        }
+    }
+}
+
+impl Node {
+    /// Registers a node with the master that the environment names (`ROS_MASTER_URI`).
+    ///
+    /// Takes at most 5 s.
+    ///
+    /// # Errors
+    /// No master, a master that does not answer, or a node open to other machines that should
+    /// not be.
+    #[expect(clippy::disallowed_methods, reason = "ROS time is wall-clock time")]
+    pub fn connect(options: &NodeOptions) -> Result<Self, NodeError> {
+        let hostname = resolve::hostname();
+        if !options.network && !is_loopback(&hostname) {
+            return Err(NodeError::NotLocal { hostname });
+        }
+        let name = options.name.clone();
+        let ros = within(CONNECT_DEADLINE, move || {
+            Ros::new(&name).map_err(|e| reason(&e))
+        })
+        .ok_or_else(|| NodeError::Deadline {
+            master: resolve::master(),
+            seconds: CONNECT_DEADLINE.as_secs(),
+        })?
+        .map_err(|reason| NodeError::Master {
+            master: resolve::master(),
+            reason,
+        })?;
+        let ros = Arc::new(ros);
+        let started = match options.time {
+            TimeBase::Wall { origin } => {
+                let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+                Stamp::ZERO + now.unwrap_or_default().saturating_sub(origin)
+            }
+            TimeBase::Simulated => Stamp::ZERO,
+        };
+        let parts = Arc::<Parts>::default();
+        Ok(Self {
+            inner: Arc::new(Inner {
+                watch: Watch::start(Arc::clone(&ros), Arc::clone(&parts)),
+                ros,
+                parts,
+                clock: NodeClock {
+                    started: (started, Instant::now()),
+                    base: options.time,
+                },
+            }),
+        })
+    }
+
+    /// Full name of the node.
+    pub fn name(&self) -> &str {
+        self.inner.ros.name()
+    }
+
+    /// The time base the node was given.
+    pub fn time_base(&self) -> TimeBase {
+        self.inner.clock.base
+    }
+
+    /// Unregisters everything and closes all connections; takes at most 2 s, even if the master
+    /// hangs.
+    pub fn shutdown(self) {
+        self.inner.close();
+    }
+
+    /// The node's time.
+    pub(crate) fn clock(&self) -> NodeClock {
+        self.inner.clock
+    }
+
+    /// Registers a part; blocks while the master is asked, 5 s at most.
+    fn add(&self, name: &str, part: Arc<dyn Part>) -> Result<(), NodeError> {
+        let (ros, parts) = (Arc::clone(&self.inner.ros), Arc::clone(&self.inner.parts));
+        within(CONNECT_DEADLINE, move || {
+            parts.register(part.as_ref(), &ros)?;
+            lock(&parts.list).push(part);
+            Ok(())
+        })
+        .unwrap_or_else(|| {
+            let reason = "no answer".to_owned();
+            Err(NodeError::Register {
+                name: name.to_owned(),
+                reason,
+            })
+        })
+    }
+}
+
+impl std::fmt::Debug for Node {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Node")
+            .field("name", &self.name())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Inner {
+    fn close(&self) {
+        self.watch.stop();
+        let (ros, parts) = (Arc::clone(&self.ros), Arc::clone(&self.parts));
+        // A master that hangs must not keep the process from ending.
+        let _ = within(SHUTDOWN_DEADLINE, move || {
+            parts.close();
+            ros.shutdown_sender().shutdown();
+        });
+    }
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+/// The process's arguments without those that `roslaunch` adds for the node (`a:=b`).
+pub fn plain_arguments() -> Vec<String> {
+    resolve::get_unused_args()
+}
+
+fn is_loopback(hostname: &str) -> bool {
+    hostname == "localhost" || hostname.starts_with("127.")
+}
+
+/// The chain of causes in one line.
+fn reason(error: &rosrust::error::Error) -> String {
+    error
+        .iter()
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+        .join(": ")
+}
+
+/// Runs something that may hang; nothing if it has not ended in time or has panicked.
+fn within<T: Send + 'static>(
+    deadline: Duration,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Option<T> {
+    let (sender, receiver) = sync_channel(1);
+    std::thread::Builder::new()
+        .name("ros-call".to_owned())
+        .spawn(move || {
+            // Nobody waits any more if the deadline has passed.
+            let _ = sender.send(work());
+        })
+        .ok()?;
+    receiver.recv_timeout(deadline).ok()
+}
+
+/// Locks; the data behind these locks is whole at every moment, so a panic elsewhere does not
+/// matter.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

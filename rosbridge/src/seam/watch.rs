@@ -1,0 +1,57 @@
+//! Notices a master that went and came back, and registers everything anew.
+
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use rosrust::api::Ros;
+
+use super::{Parts, lock};
+
+const PERIOD: Duration = Duration::from_millis(500);
+
+/// The thread that asks the master twice a second whether it knows the node. It may hang with
+/// the master; nothing waits for it.
+pub(super) struct Watch {
+    end: Mutex<Option<SyncSender<()>>>,
+}
+
+impl Watch {
+    pub(super) fn start(ros: Arc<Ros>, parts: Arc<Parts>) -> Self {
+        let (end, ended) = sync_channel::<()>(1);
+        let thread = std::thread::Builder::new().name("ros-watch".to_owned());
+        let running = thread.spawn(move || {
+            while ended.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
+                let known = lock(&parts.list).clone();
+                if known.is_empty() || is_registered(&ros) != Some(false) {
+                    continue;
+                }
+                for part in known {
+                    // Failing, the next round tries again.
+                    let _ = parts.register(part.as_ref(), &ros);
+                }
+            }
+        });
+        Self {
+            end: Mutex::new(running.ok().map(|_| end)),
+        }
+    }
+
+    pub(super) fn stop(&self) {
+        *lock(&self.end) = None;
+    }
+}
+
+/// Whether the master knows the node; nothing if it does not answer. `/rosout` does not count:
+/// it belongs to rosrust.
+fn is_registered(ros: &Ros) -> Option<bool> {
+    let state = ros.state().ok()?;
+    let mut entries = state
+        .publishers
+        .iter()
+        .chain(&state.subscribers)
+        .chain(&state.services);
+    Some(entries.any(|entry| {
+        entry.name != "/rosout" && entry.connections.iter().any(|name| name == ros.name())
+    }))
+}
