@@ -17,6 +17,7 @@ pub mod clock;
 pub mod supervisor;
 pub mod config;
 pub mod outcome;
+pub mod journal;
 pub mod series;
 pub mod statistics;
 pub mod plot;

@@ -203,6 +203,44 @@ fn forward_kinematics_takes_negative_joints_and_refuses_nonsense() {
 }
 
 #[test]
+fn inverse_kinematics_finds_the_joints_again() {
+    let urdf = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../robots/urdf/viper_s650.urdf"
+    );
+    let arm = ["--urdf", urdf, "--tip", "tool0", "--json"];
+    let fk = needle_steer(&[&["fk", "--joints", "0.3,-1.2,2.1,0.4,-0.7,1.1"], &arm[..]].concat());
+    let fk: serde_json::Value = serde_json::from_slice(&fk.stdout).unwrap();
+    let pose: Vec<String> = fk[0]["transform"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .flat_map(|row| row.as_array().unwrap().iter().map(ToString::to_string))
+        .collect();
+    let pose = pose.join(",");
+    let ik = needle_steer(&[&["ik", "--pose", &pose], &arm[..]].concat());
+    assert!(ik.status.success(), "{}", stderr(&ik));
+    let ik: serde_json::Value = serde_json::from_slice(&ik.stdout).unwrap();
+    let found = ik[0]["solutions"].as_array().unwrap().iter().any(|q| {
+        let wanted = [0.3, -1.2, 2.1, 0.4, -0.7, 1.1];
+        wanted
+            .iter()
+            .enumerate()
+            .all(|(i, w)| (q[i].as_f64().unwrap() - w).abs() < 1e-9)
+    });
+    assert!(found, "{ik}");
+    let bad = needle_steer(
+        &[
+            &["ik", "--pose", "2,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1"],
+            &arm[..],
+        ]
+        .concat(),
+    );
+    assert_eq!(bad.status.code(), Some(2));
+    assert!(stderr(&bad).contains("not a homogeneous transform"));
+}
+
+#[test]
 fn bad_usage_exits_with_two() {
     for arguments in [
         &["rnu"][..],

@@ -29,6 +29,8 @@ enum Command {
     Reproduce(reproduce::ReproduceArgs),
     /// Forward kinematics of an arm: pose and Jacobian of a link.
     Fk(arm::FkArgs),
+    /// Inverse kinematics of an arm: every joint vector that reaches a pose.
+    Ik(arm::IkArgs),
     /// Check a configuration.
     Check {
         /// Configuration file (TOML).
@@ -100,6 +102,7 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Run(args) => return run::execute(&args),
         Command::Reproduce(args) => return reproduce::execute(&args),
         Command::Fk(args) => return arm::fk(&args),
+        Command::Ik(args) => return arm::ik(&args),
         Command::Check { config } => {
             config::load(Some(&config), &[])?;
             writeln!(std::io::stdout(), "{}: valid", config.display())?;

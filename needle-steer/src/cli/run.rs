@@ -9,10 +9,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context;
 use clap::Args;
 use hal::telemetry::Telemetry;
+use hal::{ArmState, RateCommand, SensedShape};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::print_json;
 use crate::config::{self, Config};
+use crate::journal::Journal;
 use crate::outcome::Summary;
 use crate::plot::write_run_plot;
 use crate::rig::Rig;
@@ -89,9 +91,16 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     }
-    let mut recorder = Recorder::new(&config);
+    let log = args.out.as_ref().map(|out| out.join("run.mcap"));
+    let journal = match &log {
+        Some(file) => Some(Journal::create(file, &config, &rig.bearings)?),
+        None => None,
+    };
+    let mut recorder = Recorder::new(&config, journal);
     let mut summary = run(&config, &mut rig, &mut recorder, &interrupt)?;
     recorder.progress.finish_and_clear();
+    let logged = recorder.journal.take().map_or(Ok(()), Journal::finish);
+    summary.log = log.map(|file| file.display().to_string());
     if let Some(out) = &args.out {
         summary.out = Some(out.display().to_string());
         write_results(out, &config, &recorder.rows, &summary)?;
@@ -101,6 +110,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     } else {
         print_text(&summary)?;
     }
+    logged.context("the log is not complete")?;
     Ok(if summary.ended.is_success() {
         ExitCode::SUCCESS
     } else {
@@ -119,6 +129,7 @@ pub(super) fn interrupt_flag() -> anyhow::Result<Arc<AtomicBool>> {
 
 /// Keeps the time series and draws the progress line.
 struct Recorder {
+    journal: Option<Journal>,
     rows: Vec<Row>,
     first: Option<Telemetry>,
     progress: ProgressBar,
@@ -126,7 +137,7 @@ struct Recorder {
 }
 
 impl Recorder {
-    fn new(config: &Config) -> Self {
+    fn new(config: &Config, journal: Option<Journal>) -> Self {
         let depth_mm = config.target.depth_mm + 10.0;
         let progress = ProgressBar::new(1000);
         progress.set_style(
@@ -134,6 +145,7 @@ impl Recorder {
                 .unwrap_or_else(|_| ProgressStyle::default_bar()),
         );
         Self {
+            journal,
             rows: Vec::new(),
             first: None,
             progress,
@@ -143,7 +155,22 @@ impl Recorder {
 }
 
 impl Observer for Recorder {
+    fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
+        if let Some(journal) = &mut self.journal {
+            journal.inputs(arm, shape);
+        }
+    }
+
+    fn command(&mut self, command: &RateCommand) {
+        if let Some(journal) = &mut self.journal {
+            journal.command(command);
+        }
+    }
+
     fn step(&mut self, telemetry: &Telemetry) {
+        if let Some(journal) = &mut self.journal {
+            journal.step(telemetry);
+        }
         let first = self.first.get_or_insert_with(|| telemetry.clone());
         self.rows.push(Row::new(telemetry, first));
         if telemetry.step % 15 == 1 {
