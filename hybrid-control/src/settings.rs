@@ -74,6 +74,9 @@ pub struct EstimatorSettings {
     pub direction_floor_deg: f64,
     /// Compliance of the tip: change of the cut angle by the path's reaction \[deg/N\].
     pub tip_compliance_deg_n: f64,
+    /// Distance from the tip O to the cutting edge \[mm\]: the bevel's length (24 deg on 0.7 mm;
+    /// the bevel's angle is assumed).
+    pub cutting_edge_mm: f64,
     /// Spacing of the path's marks and of the rollout's steps \[mm\].
     pub step_mm: f64,
     /// Period of the stiffness estimation \[s\].
@@ -101,6 +104,7 @@ impl Default for EstimatorSettings {
             start_sigma_mm: 0.3,
             direction_floor_deg: 0.6,
             tip_compliance_deg_n: 0.0,
+            cutting_edge_mm: 1.57,
             step_mm: 2.0,
             stiffness_period_s: 1.0,
             base_shift_sigma_mm: 0.2,
@@ -215,6 +219,8 @@ pub struct HybridSettings {
     pub base_gain_per_s: f64,
     /// Gain of the unloading of the entry \[1/s\].
     pub unload_gain_per_s: f64,
+    /// Gain with which a tip drawn back by the base is brought to the end of its path \[1/s\].
+    pub regain_gain_per_s: f64,
     /// Feature switches, for ablation: base pivot, base shift, entry unloading, slowing down,
     /// reserve.
     pub pivot: bool,
@@ -241,6 +247,7 @@ impl Default for HybridSettings {
             slow_mm: 0.5,
             base_gain_per_s: 2.0,
             unload_gain_per_s: 0.2,
+            regain_gain_per_s: 3.0,
             pivot: true,
             shift: true,
             unload: true,
@@ -424,6 +431,13 @@ impl LawSettings {
         in_range(
             "hybrid.base_gain_per_s",
             h.base_gain_per_s,
+            0.0,
+            100.0,
+            "a number from 0 to 100",
+        )?;
+        in_range(
+            "hybrid.regain_gain_per_s",
+            h.regain_gain_per_s,
             0.0,
             100.0,
             "a number from 0 to 100",

@@ -17,6 +17,7 @@ use robots::kinematics::{Chain, RateSettings, TurnBudget};
 use crate::config::Config;
 use crate::odometry::Odometry;
 use crate::springs::{self, SpringsError, SpringsModel};
+use crate::withdrawal::Withdrawal;
 
 /// Poses kept: more than a second at any arm's rate.
 const ODOMETRY: usize = 256;
@@ -71,11 +72,13 @@ pub struct Cycle {
     insertion_speed: f64,
     entry: Entry,
     odometry: Odometry,
+    withdrawal: Withdrawal,
     estimator: Estimator,
     springs: SpringsModel,
     straight: Box<dyn Law>,
     law: Box<dyn Law>,
     target: Option<Position<LeftCamera>>,
+    withdrawn: bool,
     shaft: Vec<(Point3<f64>, f64)>,
     telemetry: Telemetry,
 }
@@ -107,11 +110,13 @@ impl Cycle {
             insertion_speed: config.run.insertion_speed_mm_s * 1e-3,
             entry,
             odometry: Odometry::new(ODOMETRY),
+            withdrawal: Withdrawal::default(),
             estimator,
             springs: SpringsModel::new(config, &world_from_base)?,
             straight: law_by_name("none", &config.law)?,
             law: law_by_name(&config.run.law, &config.law)?,
             target: None,
+            withdrawn: false,
             shaft: Vec::with_capacity(128),
             telemetry: first_telemetry(state, &world_from_base, &tip.world_from_tip),
             bearings,
@@ -145,7 +150,7 @@ impl Cycle {
 
     /// One step; the answer's `joint_rates` are the command.
     pub fn step(&mut self, snapshot: &Snapshot<'_>) -> &Telemetry {
-        let base = self.base(snapshot.arm);
+        let base = self.base(snapshot);
         let measured = snapshot.shape.map(|shape| self.measure(shape));
         let tip = self.estimator.predict(snapshot.now, &base);
         let springs = self.model(&base, &tip);
@@ -157,9 +162,12 @@ impl Cycle {
     }
 
     /// Base pose from the encoders, kept for the measurements to come.
-    fn base(&mut self, arm: &ArmState) -> Isometry3<f64> {
-        let base = base_pose(&self.bearings, arm);
-        self.odometry.push(arm.stamp, base);
+    fn base(&mut self, snapshot: &Snapshot<'_>) -> Isometry3<f64> {
+        let base = base_pose(&self.bearings, snapshot.arm);
+        self.odometry.push(snapshot.arm.stamp, base);
+        if matches!(snapshot.phase, Phase::PreInsertion | Phase::Steering) {
+            self.withdrawal.note(&base);
+        }
         base
     }
 
@@ -244,8 +252,34 @@ impl Cycle {
         match snapshot.phase {
             Phase::PreInsertion => self.straight.decide(&view),
             Phase::Steering => self.law.decide(&view),
+            Phase::Retracting => self.retract(base),
             _ => Decision::hold(),
         }
+    }
+
+    /// Back along the way the base came; holds at its start.
+    fn retract(&mut self, base: &Isometry3<f64>) -> Decision {
+        let spin = self.limits.spin_speed_deg_s.to_radians();
+        let mut decision = Decision::hold();
+        match self.withdrawal.twist(base, self.insertion_speed, spin) {
+            Some(twist) => {
+                decision.twist = twist;
+                decision.report.mode = SteeringMode::Straight;
+            }
+            None => self.withdrawn = true,
+        }
+        decision
+    }
+
+    /// Whether a retraction has arrived where the insertion began.
+    pub const fn is_withdrawn(&self) -> bool {
+        self.withdrawn
+    }
+
+    /// Prepares the law for steering again after a pause or a retraction.
+    pub fn resume(&mut self) {
+        self.law.reset();
+        self.withdrawn = false;
     }
 
     /// Travel of the last joint, in the senses of the needle's z.
@@ -301,11 +335,11 @@ impl Cycle {
         } else if t.tracking == Tracking::Tracked {
             t.tracking = Tracking::Predicted;
         }
-        if let Some(target) = self.target {
-            t.target = target;
+        if let Some(given) = self.target {
+            t.target = given;
+            t.lateral_error = lateral_error(&tip.world_from_tip, &target.position);
+            t.axial_distance = target_ahead(&tip.world_from_tip, &target.position);
         }
-        t.lateral_error = lateral_error(&tip.world_from_tip, &target.position);
-        t.axial_distance = target_ahead(&tip.world_from_tip, &target.position);
         t.depth = self.estimator.depth().max(0.0);
         t.law = decision.report;
         t.law.limits.extend(rates.limits);

@@ -10,7 +10,9 @@
 pub mod cycle;
 pub mod springs;
 pub mod odometry;
+pub mod withdrawal;
 pub mod run;
+pub mod controls;
 pub mod rig;
 pub mod world;
 pub mod clock;

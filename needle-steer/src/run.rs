@@ -1,12 +1,12 @@
 //! The run loop: the only code that moves an arm. Every way out of it stops the arm.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
 
 use crate::config::{Config, TargetKind};
+use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
 use crate::rig::{Rig, RigBuildError};
@@ -72,7 +72,7 @@ pub fn run(
     config: &Config,
     rig: &mut Rig,
     observer: &mut dyn Observer,
-    interrupt: &AtomicBool,
+    controls: &Controls,
 ) -> Result<Summary, RunError> {
     let state = rig.arm.state()?;
     let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
@@ -82,7 +82,7 @@ pub fn run(
         return Ok(insertion.summary(config, Ended::DryRun));
     }
     insertion.rig.arm.enable()?;
-    let ended = insertion.advance(config, observer, interrupt);
+    let ended = insertion.advance(config, observer, controls);
     let stopped = insertion.come_to_rest();
     let ended = ended?;
     stopped?;
@@ -96,6 +96,7 @@ struct Insertion<'a> {
     supervisor: Supervisor,
     reach: ReachMonitor,
     phase: Phase,
+    before_pause: Phase,
     straight: f64,
     start: nalgebra::Isometry3<f64>,
     steering_since: Option<Stamp>,
@@ -116,6 +117,7 @@ impl<'a> Insertion<'a> {
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
             phase: Phase::PreInsertion,
+            before_pause: Phase::PreInsertion,
             straight,
             start,
             steering_since: None,
@@ -149,7 +151,7 @@ impl<'a> Insertion<'a> {
         &mut self,
         config: &Config,
         observer: &mut dyn Observer,
-        interrupt: &AtomicBool,
+        controls: &Controls,
     ) -> Result<Ended, RunError> {
         let period = self.rig.arm.description().period;
         let longest = Duration::from_secs_f64(config.run.max_duration_s);
@@ -157,13 +159,15 @@ impl<'a> Insertion<'a> {
         let mut deadline = begun;
         loop {
             let now = self.rig.clock.now();
-            if interrupt.load(Ordering::Relaxed) {
+            if controls.is_interrupted() {
                 return Ok(Ended::Interrupted);
             }
             if now.since(begun) > longest {
                 return Ok(Ended::TimedOut);
             }
             let state = self.rig.arm.state()?;
+            self.supervisor.dead_man(now, controls.dead_man_count());
+            self.follow(controls.wish());
             self.law_step(config, now, &state, observer)?;
             match self.supervisor.judge(now, &state, self.cycle.telemetry()) {
                 Verdict::Go => {}
@@ -226,6 +230,28 @@ impl<'a> Insertion<'a> {
         Ok(())
     }
 
+    /// Pauses, retracts or resumes as the user asks.
+    fn follow(&mut self, wish: Wish) {
+        let wanted = match wish {
+            Wish::Proceed if matches!(self.phase, Phase::Paused | Phase::Retracting) => {
+                self.cycle.resume();
+                self.before_pause
+            }
+            Wish::Proceed => self.phase,
+            Wish::Pause => Phase::Paused,
+            Wish::Retract => Phase::Retracting,
+        };
+        if wanted == self.phase {
+            return;
+        }
+        if matches!(self.phase, Phase::PreInsertion | Phase::Steering) {
+            self.before_pause = self.phase;
+        }
+        self.phase = wanted;
+        // The change takes effect at once, not with the next image.
+        self.last_law = None;
+    }
+
     /// Straight start first; then the target is set and steering begins.
     fn change_phase(&mut self, config: &Config, now: Stamp, state: &ArmState) {
         if self.phase != Phase::PreInsertion {
@@ -268,6 +294,9 @@ impl<'a> Insertion<'a> {
     }
 
     fn verdict(&mut self, now: Stamp) -> Option<Ended> {
+        if self.phase == Phase::Retracting && self.cycle.is_withdrawn() {
+            return Some(Ended::Retracted);
+        }
         if self.phase != Phase::Steering {
             return None;
         }
@@ -332,6 +361,7 @@ fn bounds(config: &Config) -> Bounds {
         image_hold: ms(s.image_hold_ms),
         image_stop: ms(s.image_stop_ms),
         encoder_stop: ms(s.encoder_stop_ms),
+        dead_man: (s.dead_man_ms > 0.0).then(|| ms(s.dead_man_ms)),
     }
 }
 

@@ -95,7 +95,13 @@ struct Moment {
     rod: Rod,
     clamp: Clamp,
     azimuth: f64,
+    /// How far the tip is behind the end of its path \[m\].
+    retracted: f64,
 }
+
+/// A tip farther than this behind the end of its path is no longer held by uncut tissue: where
+/// it is then says nothing about the path \[m\].
+const LOOSE: f64 = 0.15e-3;
 
 /// Load columns of the moment's rod.
 const X: usize = 0;
@@ -110,7 +116,10 @@ pub struct Estimator {
     settings: EstimatorSettings,
     /// Insertion frame: origin at the entry at rest, z into the tissue.
     world_from_insertion: Isometry3<f64>,
+    /// From the base to the cutting edge, which is what the tissue holds \[m\].
     length: f64,
+    /// From O to the cutting edge \[m\].
+    reach: f64,
     constants: RodConstants,
     measured: Moment,
     present: Moment,
@@ -148,6 +157,12 @@ impl Estimator {
         positive("stiffness_n_m2", settings.stiffness_n_m2)?;
         positive("step_mm", settings.step_mm)?;
         positive("cut_angle_deg", settings.cut_angle_deg)?;
+        if !(0.0..=20.0).contains(&settings.cutting_edge_mm) {
+            return Err(EstimatorError::NotPositive {
+                quantity: "cutting_edge_mm",
+                value: settings.cutting_edge_mm,
+            });
+        }
         let axis = start.world_from_base.rotation * Vector3::z();
         let angle = axis.angle(&start.entry.inward);
         if !(angle < 60_f64.to_radians()) {
@@ -163,7 +178,8 @@ impl Estimator {
         };
         let base = world_from_insertion.inverse() * start.world_from_base;
         let clamp = clamp_of(&base, &StiffnessFit::new(settings));
-        let tip = base * Point3::new(0.0, 0.0, start.length);
+        let reach = settings.cutting_edge_mm * 1e-3;
+        let tip = base * Point3::new(0.0, 0.0, start.length + reach);
         let entry = planar(&clamp.w) - planar(&clamp.slope) * clamp.z;
         let mut path = CutPath::new(settings.step_mm * 1e-3);
         path.for_each(|_, row| *row = tip_row(&entry));
@@ -177,12 +193,14 @@ impl Estimator {
             rod: Rod::default(),
             clamp,
             azimuth: azimuth_of(&base),
+            retracted: 0.0,
         };
         moment.rod.solve(&constants, &moment.clamp, &moment.path);
         Ok(Self {
             settings: settings.clone(),
             world_from_insertion,
-            length: start.length,
+            length: start.length + reach,
+            reach,
             constants,
             present: moment.clone(),
             measured: moment,
@@ -221,12 +239,21 @@ impl Estimator {
         let base = self.world_from_insertion.inverse() * o.world_from_base;
         self.measured.stamp = Some(o.stamp);
         self.advance_measured(&base);
-        let position = self
-            .world_from_insertion
-            .inverse_transform_point(&o.position);
         let axis = self
             .world_from_insertion
             .inverse_transform_vector(&o.direction);
+        // The edge is seen through O and the axis: the model's, which is less noisy than the
+        // measured one, once there is a path that it stands on.
+        let slope = planar(&self.measured.rod.tip_slope()) + self.slope_offset;
+        let lever = if self.observations == 0 {
+            axis
+        } else {
+            Vector3::new(slope.x, slope.y, 1.0).normalize()
+        };
+        let position = self
+            .world_from_insertion
+            .inverse_transform_point(&o.position)
+            + lever * self.reach;
         self.observations += 1;
         if self.observations == 1 {
             self.lay_first_path(&position.coords.xy(), &axis);
@@ -236,7 +263,10 @@ impl Estimator {
         let by_position = m.rod.tip_slope()[TIP];
         let ahead = position.z - m.path.tip_depth();
         let gain = (1.0 / self.observations as f64).max(0.05);
-        self.depth_offset += gain * ahead;
+        self.depth_offset += gain * (ahead + m.retracted);
+        if m.retracted > LOOSE {
+            return Health::Used;
+        }
         m.filter
             .measure_position(&(position.coords.xy() - slope * ahead), o.position_sigma);
         if axis.z > 0.3 {
@@ -270,6 +300,7 @@ impl Estimator {
             present.rod.clone_from(&measured.rod);
             present.clamp = measured.clamp;
             present.azimuth = measured.azimuth;
+            present.retracted = measured.retracted;
             advance(
                 present,
                 &base,
@@ -322,18 +353,23 @@ impl Estimator {
 
     /// Free length of the needle \[m\].
     pub fn needle_length(&self) -> f64 {
-        self.length
+        self.length - self.reach
     }
 
-    /// Depth of the tip below the surface \[m\].
+    /// Depth of O below the surface \[m\].
     pub fn depth(&self) -> f64 {
-        self.present.path.tip_depth()
+        self.present.path.tip_depth() - self.present.retracted - self.reach
     }
 
     /// Change of the tip's slope per pivot of the base about the entry \[rad/rad\], tip held:
     /// near 0 the base has lost its authority, below it acts the wrong way.
     pub fn pivot_authority(&self) -> f64 {
         self.present.rod.tip_slope()[PIVOT]
+    }
+
+    /// How far the tip is behind the end of its path \[m\].
+    pub fn retracted(&self) -> f64 {
+        self.present.retracted
     }
 
     /// Displacement of the needle from its path at the entry \[m\], in the insertion frame.
@@ -394,8 +430,11 @@ impl Estimator {
     fn tip(&self, age: f64) -> Tip {
         let m = &self.present;
         let c = m.filter.position();
-        let position = self.world_from_insertion * Point3::new(c.x, c.y, m.path.tip_depth());
         let slope = planar(&m.rod.tip_slope()) + self.slope_offset;
+        let back = Vector3::new(slope.x, slope.y, 1.0);
+        let back = back * (self.reach / back.norm());
+        let edge = Point3::new(c.x, c.y, m.path.tip_depth() - m.retracted);
+        let position = self.world_from_insertion * (edge - back);
         let axis = self.world_from_insertion.rotation * Vector3::new(slope.x, slope.y, 1.0);
         let from = self.present_base.rotation * Vector3::z();
         // Without torsion the tip frame is the base frame turned the shortest way.
@@ -487,6 +526,7 @@ fn advance(
     m.azimuth = azimuth;
     let depth = (m.clamp.z + length - m.rod.shortening(X, Y) + depth_offset).max(1e-6);
     let step = (depth - m.path.tip_depth()).max(0.0);
+    m.retracted = (m.path.tip_depth() - depth).max(0.0);
     let compliance = s.tip_compliance_deg_n.to_radians();
     let slope = planar(&before) - planar(&m.rod.reaction()) * compliance;
     m.filter.propagate(step, &slope, before[TIP], middle, s);

@@ -71,7 +71,9 @@ impl Estimator {
         out.entry_per_pivot = entry[PIVOT];
         out.entry_per_shift = entry[SHIFT];
         let start = out.path.tip_depth();
-        out.remaining = (goal.z - start).max(0.0);
+        // O is at the goal when the edge is that much deeper.
+        let end_depth = goal.z + self.reach;
+        out.remaining = (end_depth - start).max(0.0);
         let compliance = self.settings.tip_compliance_deg_n.to_radians();
         let spacing = self.settings.step_mm * 1e-3;
         let fade = self.settings.disturbance_fade_mm * 1e-3;
@@ -80,7 +82,7 @@ impl Estimator {
         let limit = if out.remaining.is_finite() { 400 } else { 0 };
         for _ in 0..limit {
             let tip = out.path.tip_depth();
-            let left = goal.z - tip;
+            let left = end_depth - tip;
             if left <= 1e-6 {
                 break;
             }
@@ -112,7 +114,10 @@ impl Estimator {
                 clamp.w[c] += step * clamp.slope[c];
             }
         }
-        let end = *out.path.tip();
+        out.rod.solve(&self.constants, &clamp, &out.path);
+        let slope = out.rod.tip_slope();
+        let edge = *out.path.tip();
+        let end: Row = core::array::from_fn(|c| edge[c] - self.reach * slope[c]);
         out.end = planar(&end);
         out.miss = goal.coords.xy() - out.end;
         out.pivot = end[PIVOT];

@@ -51,7 +51,7 @@ impl Law for Paper {
             let speed = if command.duty_cycling {
                 command.speed
             } else {
-                desired.z.max(0.0)
+                insertion_part(&desired)
             };
             view.pivot(&omega).to_vector() + view.screw(speed, command.spin).to_vector()
         } else if command.duty_cycling {

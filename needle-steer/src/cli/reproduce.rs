@@ -4,7 +4,6 @@ use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::Args;
@@ -14,6 +13,7 @@ use serde::Serialize;
 use super::run::interrupt_flag;
 use super::{Usage, print_json};
 use crate::config;
+use crate::controls::Controls;
 use crate::experiments::{EXPERIMENTS, Experiment, ExperimentResult, Plan, reproduce};
 use crate::rig::Rig;
 use crate::run::{RunError, Unobserved, run};
@@ -102,9 +102,9 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
 
 fn one(
     config: &config::Config,
-    interrupt: &AtomicBool,
+    interrupt: &Controls,
 ) -> Result<crate::outcome::Summary, Failure> {
-    if interrupt.load(Ordering::Relaxed) {
+    if interrupt.is_interrupted() {
         return Err(Failure::Interrupted);
     }
     let mut rig = Rig::new(config).map_err(RunError::from)?;

@@ -4,7 +4,6 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::Args;
@@ -14,6 +13,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::print_json;
 use crate::config::{self, Config};
+use crate::controls::Controls;
 use crate::journal::Journal;
 use crate::outcome::Summary;
 use crate::plot::write_run_plot;
@@ -119,10 +119,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// A flag that Ctrl-C and SIGTERM raise; the run then stops the arm and ends.
-pub(super) fn interrupt_flag() -> anyhow::Result<Arc<AtomicBool>> {
-    let flag = Arc::new(AtomicBool::new(false));
+pub(super) fn interrupt_flag() -> anyhow::Result<Arc<Controls>> {
+    let flag = Arc::new(Controls::default());
     let raised = Arc::clone(&flag);
-    ctrlc::set_handler(move || raised.store(true, Ordering::Relaxed))
+    ctrlc::set_handler(move || raised.interrupt())
         .context("installing the signal handler")?;
     Ok(flag)
 }

@@ -154,6 +154,7 @@ impl Config {
             supervisor.encoder_stop_ms,
             20.0,
             1000.0,
-        )
+        )?;
+        within("supervisor.dead_man_ms", supervisor.dead_man_ms, 0.0, 10_000.0)
     }
 }

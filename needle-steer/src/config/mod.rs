@@ -241,6 +241,8 @@ pub struct Supervisor {
     pub image_stop_ms: f64,
     /// Longest age of the encoders' reading before the run stops \[ms\].
     pub encoder_stop_ms: f64,
+    /// Longest time without a dead-man's token before the run stops \[ms\]; 0: none is asked for.
+    pub dead_man_ms: f64,
 }
 
 impl Default for Supervisor {
@@ -252,6 +254,7 @@ impl Default for Supervisor {
             image_hold_ms: 200.0,
             image_stop_ms: 2000.0,
             encoder_stop_ms: 350.0,
+            dead_man_ms: 0.0,
         }
     }
 }

@@ -35,9 +35,8 @@ pub(super) struct Sight {
 /// Slope in a medium of index `n` of a ray of slope `q` in air, and its derivative.
 fn slope_in(n: f64, q: f64) -> (f64, f64) {
     let n2 = n * n;
-    let s2 = n2 + (n2 - 1.0) * q * q;
-    let s = s2.sqrt();
-    (q / s, n2 / (s2 * s))
+    let inverse = 1.0 / (n2 + (n2 - 1.0) * q * q).sqrt();
+    (q * inverse, n2 * inverse * inverse * inverse)
 }
 
 impl Window {
@@ -61,7 +60,8 @@ impl Window {
             let f = air * q + wall * wall_slope + depth * slope - rho;
             let step = f / (air + wall * wall_d + depth * d);
             q -= step;
-            if step.abs() <= 1e-15 * (1.0 + q) {
+            // What is left is of the order of the step squared.
+            if step.abs() <= 1e-8 {
                 break;
             }
         }

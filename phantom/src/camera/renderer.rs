@@ -95,7 +95,12 @@ impl Renderer {
             let place = y * self.width..(y + 1) * self.width;
             let samples = noise.as_ref().map(|n| n.row(generator, self.width));
             let levels = &self.background[place.clone()];
-            let (left, right) = self.drawn_columns(y);
+            let drawn = self.cover.span(y);
+            let (left, right) = if drawn.is_empty() {
+                (self.width, self.width)
+            } else {
+                (drawn.start, drawn.end)
+            };
             if let Some(samples) = samples {
                 let amplitude = &self.amplitude[place];
                 noisy(&mut out[..left], levels, amplitude, samples);
@@ -176,7 +181,7 @@ impl Renderer {
         }
     }
 
-    /// Fills the planes of coverage and highlight.
+    /// Fills `self.cover` with what the needle changes of the background.
     fn cover_needle(&mut self, view: &View, needle: &NeedleView) {
         let (cover, shine) = (&mut self.cover, &mut self.shine);
         let specular = self.specular_grey;
@@ -203,34 +208,38 @@ impl Renderer {
                 }
             },
         );
-        for plane in [&mut self.cover, &mut self.shine] {
-            plane.resolve();
-            if let Some(blur) = &self.blur {
-                blur.sparse(plane, &mut self.spare);
-            }
+        self.cover.resolve();
+        self.shine.resolve();
+        self.take_light();
+        if let Some(blur) = &self.blur {
+            blur.sparse(&mut self.cover, &mut self.spare);
         }
     }
 
-    /// Columns that the needle touches in row `y`.
-    fn drawn_columns(&self, y: usize) -> (usize, usize) {
-        let (a, b) = (self.cover.span(y), self.shine.span(y));
-        match (a.is_empty(), b.is_empty()) {
-            (true, true) => (self.width, self.width),
-            (false, true) => (a.start, a.end),
-            (true, false) => (b.start, b.end),
-            (false, false) => (a.start.min(b.start), a.end.max(b.end)),
+    /// Turns the plane of coverage into grey levels to add to the background.
+    fn take_light(&mut self) {
+        for y in self.cover.rows() {
+            let span = self.cover.span(y);
+            if span.is_empty() {
+                continue;
+            }
+            let background = &self.background[y * self.width..][span.clone()];
+            let shine = &self.shine.row(y)[span.clone()];
+            let cover = self.cover.open(y, span);
+            for ((c, &b), &s) in cover.iter_mut().zip(background).zip(shine) {
+                let b = f32::from(b) / narrow(GREY);
+                let dark = c.abs().min(1.0) * (b - self.needle_grey);
+                *c = self.contrast * (s.abs() - dark);
+            }
         }
     }
 
     /// Levels of the drawn columns into `self.row`.
     fn mix_needle(&mut self, y: usize, left: usize, right: usize) {
         let background = &self.background[y * self.width + left..y * self.width + right];
-        let cover = &self.cover.row(y)[left..right];
-        let shine = &self.shine.row(y)[left..right];
-        for (((out, &b), &c), &s) in self.row.iter_mut().zip(background).zip(cover).zip(shine) {
-            let b = f32::from(b) / narrow(GREY);
-            let c = c.abs().min(1.0) * self.contrast;
-            *out = quantised(b - c * (b - self.needle_grey) + s.abs() * self.contrast);
+        let change = &self.cover.row(y)[left..right];
+        for ((out, &b), &c) in self.row.iter_mut().zip(background).zip(change) {
+            *out = quantised(f32::from(b) / narrow(GREY) + c);
         }
     }
 }

@@ -108,7 +108,9 @@ impl Law for Hybrid {
         } else {
             1.0
         };
-        let speed = view.insertion_speed * slow;
+        // A tilting base draws the needle back: what has been lost is inserted again at once.
+        let regain = view.estimator.retracted() * s.regain_gain_per_s;
+        let speed = (view.insertion_speed * slow).max(regain);
         let base = self.base(view);
         let screw = view.screw(speed, spin);
         let mut report = blank_report();

@@ -1,0 +1,10 @@
+//! The ROS side on a private master, with ROS's own tools as the judges.
+//!
+//! Needs Debian's ROS 1 packages (see `docs/ROS.md`). Without them the tests do nothing but say
+//! so, unless `NEEDLE_STEER_REQUIRE_ROS` is set: then they fail.
+
+mod arm;
+mod child;
+mod master;
+mod robustness;
+mod telemetry;
