@@ -74,6 +74,8 @@ pub struct Rig {
     pub bearings: Bearings,
     /// The simulated world, where there is one.
     pub world: Option<SimulatedWorld>,
+    /// The simulated arm, where there is one, for faults.
+    pub simulated_arm: Option<SimulatedArm>,
 }
 
 impl Rig {
@@ -115,7 +117,12 @@ impl Rig {
         let arm = SimulatedArm::new(&chain, &joints, SimSettings::default())?;
         let driver: Box<dyn Arm> = Box::new(arm.driver());
         let period = driver.description().period;
-        let world = SimulatedWorld::new(Box::new(arm), chain.clone(), world_from_arm_base, bench);
+        let world = SimulatedWorld::new(
+            Box::new(arm.clone()),
+            chain.clone(),
+            world_from_arm_base,
+            bench,
+        );
         let moved = world.clone();
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
         let guard =
@@ -130,6 +137,7 @@ impl Rig {
                 world_from_left_camera: left_from_world.inverse(),
             },
             world: Some(world),
+            simulated_arm: Some(arm),
         })
     }
 

@@ -10,7 +10,7 @@ use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
 use crate::rig::{Rig, RigBuildError};
-use crate::supervisor::{Bounds, Supervisor, Verdict};
+use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
 use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 
@@ -77,7 +77,9 @@ pub fn run(
     let state = rig.arm.state()?;
     let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
     let mut insertion = Insertion::new(config, rig, cycle, &state);
-    insertion.check_target(config)?;
+    if config.run.check_reach {
+        insertion.check_target(config)?;
+    }
     if config.run.dry_run {
         return Ok(insertion.summary(config, Ended::DryRun));
     }
@@ -183,10 +185,20 @@ impl<'a> Insertion<'a> {
                 stamp: now,
                 rates: self.rates,
             };
-            self.rig.arm.command(&command)?;
+            if let Err(error) = self.rig.arm.command(&command) {
+                return self.refused(error);
+            }
             observer.command(&command);
             deadline = deadline + period;
             self.rig.clock.wait_until(deadline);
+        }
+    }
+
+    /// A command was refused: by an arm that faulted meanwhile, or for another reason.
+    fn refused(&mut self, error: hal::Error) -> Result<Ended, RunError> {
+        match self.rig.arm.state().map(|state| state.mode) {
+            Ok(ArmMode::Faulted(fault)) => Ok(Ended::Stopped(StopReason::ArmFault { fault })),
+            _ => Err(error.into()),
         }
     }
 

@@ -171,8 +171,13 @@ impl Supervisor {
                 age_s: now.secs_since(self.newest_image),
             });
         }
-        if bounds.dead_man.is_some_and(|longest| now.since(self.dead_man.1) > longest) {
-            return Err(StopReason::DeadMan { age_s: now.secs_since(self.dead_man.1) });
+        if bounds
+            .dead_man
+            .is_some_and(|longest| now.since(self.dead_man.1) > longest)
+        {
+            return Err(StopReason::DeadMan {
+                age_s: now.secs_since(self.dead_man.1),
+            });
         }
         if !arm.positions.is_finite() {
             return Err(StopReason::NonFinite {

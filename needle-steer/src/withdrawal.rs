@@ -6,9 +6,13 @@ use nalgebra::{Isometry3, Vector3};
 /// Distance between kept poses \[m\].
 const SPACING: f64 = 0.2e-3;
 /// Turn between kept poses \[rad\].
-const TURN: f64 = 0.01;
-/// A kept pose counts as reached within this \[m\], \[rad\].
+const TURN: f64 = 0.1;
+/// A kept pose counts as passed within this \[m\], \[rad\]: the way back looks one pose ahead.
+const PASSED: (f64, f64) = (0.3e-3, 0.15);
+/// The start counts as reached within this \[m\], \[rad\].
 const REACHED: (f64, f64) = (0.1e-3, 5e-3);
+/// Shortest time to a pose \[s\]: longer than an arm's latency, so that it is not overshot.
+const HORIZON: f64 = 0.15;
 
 /// Base poses of the insertion so far, oldest first.
 #[derive(Clone, Debug, Default)]
@@ -33,13 +37,23 @@ impl Withdrawal {
     pub fn twist(&mut self, pose: &Isometry3<f64>, speed: f64, spin: f64) -> Option<Twist> {
         loop {
             let (distance, turn) = apart(pose, self.poses.last()?);
-            if distance.norm() < REACHED.0 && turn.norm() < REACHED.1 {
+            let near = if self.poses.len() == 1 {
+                REACHED
+            } else {
+                PASSED
+            };
+            if distance.norm() < near.0 && turn.norm() < near.1 {
                 self.poses.pop();
                 continue;
             }
             // Both arrive together; the slower of the two sets the time.
-            let time = (distance.norm() / speed).max(turn.norm() / spin);
-            return Some(Twist { linear: distance / time, angular: turn / time });
+            let time = (distance.norm() / speed)
+                .max(turn.norm() / spin)
+                .max(HORIZON);
+            return Some(Twist {
+                linear: distance / time,
+                angular: turn / time,
+            });
         }
     }
 }
@@ -58,7 +72,10 @@ mod tests {
     fn a_curved_way_is_retraced_to_its_start() {
         let mut withdrawal = Withdrawal::default();
         let at = |k: f64| {
-            Isometry3::new(Vector3::new(1e-5 * k * k, 0.0, 5e-4 * k), Vector3::z() * (0.02 * k))
+            Isometry3::new(
+                Vector3::new(1e-5 * k * k, 0.0, 5e-4 * k),
+                Vector3::z() * (0.02 * k),
+            )
         };
         let mut k = 0.0;
         while k <= 60.0 {
@@ -77,7 +94,7 @@ mod tests {
         }
         let (distance, turn) = apart(&pose, &at(0.0));
         assert!(distance.norm() < REACHED.0 && turn.norm() < REACHED.1);
-        // Chords of 0.5 mm leave this parabola by at most 1e-5 / 4; steps by 32 um along it.
+        // Chords of 0.5 mm leave this parabola by less than 1e-5.
         assert!(farthest < 5e-5, "left the way by {farthest} m");
     }
 }

@@ -5,3 +5,4 @@ mod arm_contract;
 mod arrows;
 mod equations;
 mod tidy;
+mod supervision;

@@ -100,10 +100,7 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn one(
-    config: &config::Config,
-    interrupt: &Controls,
-) -> Result<crate::outcome::Summary, Failure> {
+fn one(config: &config::Config, interrupt: &Controls) -> Result<crate::outcome::Summary, Failure> {
     if interrupt.is_interrupted() {
         return Err(Failure::Interrupted);
     }

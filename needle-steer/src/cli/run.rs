@@ -122,8 +122,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
 pub(super) fn interrupt_flag() -> anyhow::Result<Arc<Controls>> {
     let flag = Arc::new(Controls::default());
     let raised = Arc::clone(&flag);
-    ctrlc::set_handler(move || raised.interrupt())
-        .context("installing the signal handler")?;
+    ctrlc::set_handler(move || raised.interrupt()).context("installing the signal handler")?;
     Ok(flag)
 }
 

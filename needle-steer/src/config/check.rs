@@ -155,6 +155,11 @@ impl Config {
             20.0,
             1000.0,
         )?;
-        within("supervisor.dead_man_ms", supervisor.dead_man_ms, 0.0, 10_000.0)
+        within(
+            "supervisor.dead_man_ms",
+            supervisor.dead_man_ms,
+            0.0,
+            10_000.0,
+        )
     }
 }

@@ -115,6 +115,8 @@ pub struct Run {
     pub insertion_speed_mm_s: f64,
     /// Longest duration of a run \[s\].
     pub max_duration_s: f64,
+    /// Refuse a target that the predictive model says is out of reach.
+    pub check_reach: bool,
     /// Move nothing: configuration, reachability and limits are checked only.
     pub dry_run: bool,
 }
@@ -129,6 +131,7 @@ impl Default for Run {
             seed: 1,
             insertion_speed_mm_s: 1.0,
             max_duration_s: 600.0,
+            check_reach: true,
             dry_run: false,
         }
     }
