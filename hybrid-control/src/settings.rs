@@ -72,7 +72,8 @@ pub struct EstimatorSettings {
     pub start_sigma_mm: f64,
     /// Least standard deviation given to a measured direction: it carries model error \[deg\].
     pub direction_floor_deg: f64,
-    /// Compliance of the tip: change of the cut angle by the path's reaction \[deg/N\].
+    /// Compliance of the tip: change of the cut angle by the path's reaction \[deg/N\] (assumed:
+    /// half of what a compliant tip may have; the disturbance carries the rest either way).
     pub tip_compliance_deg_n: f64,
     /// Distance from the tip O to the cutting edge \[mm\]: the bevel's length (24 deg on 0.7 mm;
     /// the bevel's angle is assumed).
@@ -103,7 +104,7 @@ impl Default for EstimatorSettings {
             cut_noise_deg: 0.15,
             start_sigma_mm: 0.3,
             direction_floor_deg: 0.6,
-            tip_compliance_deg_n: 0.0,
+            tip_compliance_deg_n: 5.0,
             cutting_edge_mm: 1.57,
             step_mm: 2.0,
             stiffness_period_s: 1.0,
@@ -238,7 +239,7 @@ impl Default for HybridSettings {
             plan_rate_hz: 5.0,
             debt_threshold_mm: 0.75,
             spin_deg_s: 360.0,
-            bevel_reserve: 0.5,
+            bevel_reserve: 0.8,
             reserve_until_mm: 40.0,
             pivot_weight_deg: 4.0,
             shift_weight_mm: 1.0,

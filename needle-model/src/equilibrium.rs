@@ -9,7 +9,7 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
-use crate::block::{Block, Bordered, Singular};
+use crate::block::{Block, Bordered, Singular, Square, WIDE};
 use crate::needle::Needle;
 use crate::piece::{Node, Piece, TipInput, TipLoad, TipPiece};
 use crate::segment::Segment;
@@ -251,8 +251,9 @@ impl Equilibrium {
             for i in 1..self.nodes.len() {
                 for _ in 0..3 {
                     let (a, b) = (&self.nodes[i - 1], &self.nodes[i]);
-                    let slack = Piece::new(self.stiffness, a, b, &z, true).slack;
-                    self.nodes[i].l = (self.nodes[i].l + slack).max(0.5 * self.nodes[i].l);
+                    let mut piece = Piece::default();
+                    piece.set(self.stiffness, a, b, &z, true);
+                    self.nodes[i].l = (self.nodes[i].l + piece.slack).max(0.5 * self.nodes[i].l);
                 }
                 used += self.nodes[i].l;
             }
@@ -296,6 +297,13 @@ impl Equilibrium {
         self.factored_within = f64::INFINITY;
         self.base = *world_from_base;
         let z = world_from_base * Vector3::z();
+        // Better start values: the needle slides through its springs as the base advances.
+        let advance = z.dot(&(world_from_base.translation.vector - self.nodes[0].p));
+        if let Some(first) = self.nodes.get_mut(1).filter(|first| first.l > 2.0 * advance) {
+            first.l -= advance;
+            self.tip_length += advance;
+            self.settle_tip();
+        }
         let base = &mut self.nodes[0];
         base.p = world_from_base.translation.vector;
         base.d = z;
@@ -394,7 +402,7 @@ impl Equilibrium {
             }
         }
         self.settle_tip();
-        self.pieces.clear();
+        self.pieces.resize(n, Piece::default());
         self.system.clear();
         self.rhs.clear();
 
@@ -404,19 +412,13 @@ impl Equilibrium {
         let mut length = tip.arc - self.needle.length();
         let mut roll = tip.roll - self.theta;
         for i in 1..=n {
-            let mut piece = Piece::new(
-                self.stiffness,
-                &self.nodes[i - 1],
-                &self.nodes[i],
-                &z,
-                i == 1,
-            );
+            let piece = &mut self.pieces[i - 1];
+            piece.set(self.stiffness, &self.nodes[i - 1], &self.nodes[i], &z, i == 1);
             if frozen {
                 piece.freeze();
             }
             length += self.nodes[i].l + piece.slack;
             roll += piece.roll + piece.roll_l * piece.slack;
-            self.pieces.push(piece);
         }
         for i in 1..=n {
             let (node, piece) = (&self.nodes[i], &self.pieces[i - 1]);
@@ -445,7 +447,7 @@ impl Equilibrium {
                 &node.project(&piece.shear_l, &piece.end_l),
                 &node.reduce(&piece.l_by[0], &piece.l_by[2]),
             );
-            let mut lower = [[0.0; 5]; 5];
+            let mut lower = [[0.0; WIDE]; 5];
             if i > 1 {
                 let before = &self.nodes[i - 1];
                 lower = coupling(
@@ -462,7 +464,7 @@ impl Equilibrium {
                     &before.reduce(&-piece.l_by[0], &piece.l_by[1]),
                 );
             }
-            let mut upper = [[0.0; 5]; 5];
+            let mut upper = [[0.0; WIDE]; 5];
             if let Some(after) = after {
                 force -= after.shear + after.shear_l * after.slack;
                 moment += after.start + after.start_l * after.slack;
@@ -591,8 +593,8 @@ impl Equilibrium {
             let x: [f64; 5] = std::array::from_fn(|k| self.rhs[i - 1][k][0] * scale);
             let node = &mut self.nodes[i];
             let (dp, dd) = node.expand(&x);
-            node.p += dp;
-            node.d += dd;
+            node.p = settled(&(node.p + dp));
+            node.d = settled(&(node.d + dd));
             node.l += self.pieces[i - 1].slack * scale;
         }
         self.tip_length += border[0][0] * scale;
@@ -765,11 +767,18 @@ fn validate(
     Ok(())
 }
 
+/// The vector with coordinates far below any length made 0: in a plane needle the rounding noise
+/// across the plane shrinks with every step, down to slow subnormal numbers.
+#[inline(always)]
+fn settled(v: &Vector3<f64>) -> Vector3<f64> {
+    v.map(|x| if x.abs() < 1e-40 { 0.0 } else { x })
+}
+
 /// Block between equations of `row` and unknowns of `column` for coefficients times the identity:
 /// force by position, force by derivative, moment by position, moment by derivative.
 #[inline(always)]
-fn coupling(row: &Node, column: &Node, pp: f64, pd: f64, dp: f64, dd: f64) -> Block<5, 5> {
-    let mut m = [[0.0; 5]; 5];
+fn coupling(row: &Node, column: &Node, pp: f64, pd: f64, dp: f64, dd: f64) -> Square {
+    let mut m = [[0.0; WIDE]; 5];
     for r in 0..2 {
         let (e, slip) = (&row.e[r], pp * row.e[r].dot(&column.n));
         m[r][0] = pp * e.dot(&column.e[0]);
@@ -789,19 +798,19 @@ fn coupling(row: &Node, column: &Node, pp: f64, pd: f64, dp: f64, dd: f64) -> Bl
     m
 }
 
-#[inline(always)]
-fn add(m: &mut Block<5, 5>, other: &Block<5, 5>) {
+#[inline]
+fn add(m: &mut Square, other: &Square) {
     for r in 0..5 {
-        for c in 0..5 {
+        for c in 0..WIDE {
             m[r][c] += other[r][c];
         }
     }
 }
 
 #[inline(always)]
-fn add_outer(m: &mut Block<5, 5>, rows: &[f64; 5], columns: &[f64; 5]) {
+fn add_outer(m: &mut Square, rows: &[f64; 5], columns: &[f64; WIDE]) {
     for r in 0..5 {
-        for c in 0..5 {
+        for c in 0..WIDE {
             m[r][c] += rows[r] * columns[c];
         }
     }

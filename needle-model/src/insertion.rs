@@ -16,6 +16,9 @@ use crate::tissue::Tissue;
 
 /// An event is placed within this of its exact place \[m\].
 const EVENT_TOLERANCE: f64 = 1e-9;
+/// Tolerance on the last Newton step \[m\]. Stiffness and load follow the needle with a lag of one
+/// step, which shrinks at least tenfold each: the state is then within a nanometre.
+const STEP_TOLERANCE: f64 = 1e-8;
 /// Searches for one event before giving up.
 const EVENT_TRIALS: usize = 60;
 
@@ -235,7 +238,8 @@ impl Insertion {
         if !finite(world_from_base) {
             return Err(InsertionError::BasePose);
         }
-        let needle = Equilibrium::new(needle, *world_from_base);
+        let mut needle = Equilibrium::new(needle, *world_from_base);
+        needle.set_tolerance(STEP_TOLERANCE);
         let depth_m = tissue.depth(&needle.tip_position());
         if depth_m > EVENT_TOLERANCE {
             return Err(InsertionError::StartsInside { depth_m });

@@ -6,6 +6,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::block::WIDE;
 use crate::frame::{roll_rate, tip_y, tip_y_by_axis};
 use crate::segment::{GAUSS_3, GAUSS_7};
 
@@ -42,9 +43,9 @@ impl Node {
 
     /// Gradient by the node's 5 unknowns from the gradients by p and d.
     #[inline(always)]
-    pub(crate) fn reduce(&self, by_p: &Vector3<f64>, by_d: &Vector3<f64>) -> [f64; 5] {
+    pub(crate) fn reduce(&self, by_p: &Vector3<f64>, by_d: &Vector3<f64>) -> [f64; WIDE] {
         let d = by_d - self.w * self.n.dot(by_p);
-        [self.e[0].dot(by_p), self.e[1].dot(by_p), d.x, d.y, d.z]
+        [self.e[0].dot(by_p), self.e[1].dot(by_p), d.x, d.y, d.z, 0.0]
     }
 
     /// The 5 equations of the node from a force at p and a moment-like term at d.
@@ -71,7 +72,7 @@ impl Node {
 }
 
 /// A piece between two nodes.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Piece {
     /// Force on node b (minus that on node a): dE/dp_b.
     pub shear: Vector3<f64>,
@@ -98,13 +99,17 @@ pub(crate) struct Piece {
 }
 
 impl Piece {
-    #[inline(always)]
-    pub(crate) fn new(stiffness: f64, a: &Node, b: &Node, z: &Vector3<f64>, long: bool) -> Self {
-        if long {
-            Self::with_rule(stiffness, a, b, z, &GAUSS_7)
-        } else {
-            Self::with_rule(stiffness, a, b, z, &GAUSS_3)
-        }
+    /// The piece between the nodes, in place; `long` pieces take more quadrature points.
+    pub(crate) fn set(
+        &mut self,
+        stiffness: f64,
+        a: &Node,
+        b: &Node,
+        z: &Vector3<f64>,
+        long: bool,
+    ) {
+        let rule: &[(f64, f64)] = if long { &GAUSS_7 } else { &GAUSS_3 };
+        self.with_rule(stiffness, a, b, z, rule);
     }
 
     /// Makes the length independent of the nodes.
@@ -117,14 +122,16 @@ impl Piece {
         }
     }
 
-    #[inline(always)]
-    fn with_rule<const Q: usize>(
+    // Not inlined, like the blocks' products: a Newton step should stay in the instruction cache.
+    #[inline(never)]
+    fn with_rule(
+        &mut self,
         stiffness: f64,
         a: &Node,
         b: &Node,
         z: &Vector3<f64>,
-        rule: &[(f64, f64); Q],
-    ) -> Self {
+        rule: &[(f64, f64)],
+    ) {
         let (l, inverse) = (b.l, 1.0 / b.l);
         let delta = b.p - a.p;
         let (sum, turn) = (a.d + b.d, b.d - a.d);
@@ -166,7 +173,7 @@ impl Piece {
 
         let (i2, i3) = (inverse * inverse, inverse * inverse * inverse);
         let (tilt, arch) = (turn * (stiffness * inverse), bow * (6.0 * stiffness * i2));
-        Self {
+        *self = Self {
             shear: bow * (12.0 * stiffness * i3),
             start: -tilt - arch,
             end: tilt - arch,
@@ -182,7 +189,7 @@ impl Piece {
             roll_by,
             roll_l,
             roll_z,
-        }
+        };
     }
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix6, RowSVector, SMatrix, SVector, Vector3};
 
-use crate::block::Block;
+use crate::block::{Block, WIDE};
 use crate::equilibrium::Equilibrium;
 use crate::jacobian::{Direction, TangentError, TipChange};
 use crate::segment::GAUSS_7;
@@ -233,7 +233,7 @@ impl Equilibrium {
         let twist = |x: [f64; 5], border: [f64; 2]| {
             self.tip_twist_of(&still, &self.tip_change(&still, &x, border))
         };
-        let mut adjoint: Vec<Block<6, 5>> = vec![[[0.0; 5]; 6]; n];
+        let mut adjoint: Vec<Block<6, WIDE>> = vec![[[0.0; WIDE]; 6]; n];
         let mut border = [[0.0; 2]; 6];
         for k in 0..5 {
             let column = twist(

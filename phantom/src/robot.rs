@@ -28,6 +28,7 @@ pub struct Robot {
     mounting: Isometry3<f64>,
     lag: f64,
     compliance: (f64, f64),
+    nominal: Isometry3<f64>,
     lagged: Isometry3<f64>,
     yielded: Isometry3<f64>,
 }
@@ -76,27 +77,32 @@ impl Robot {
                 robot.compliance_mm_n * 1e-3,
                 robot.compliance_deg_nm.to_radians(),
             ),
+            nominal: *start,
             lagged: *start,
             yielded: Isometry3::identity(),
         }
     }
 
-    /// Lets the servos follow the nominal pose for `seconds`.
+    /// Lets the servos follow the nominal pose, which moves steadily to `nominal` in `seconds`.
     pub fn follow(&mut self, nominal: &Transform<World, NeedleBase>, seconds: f64) {
-        let target = nominal.isometry();
-        if self.lag <= 0.0 {
-            self.lagged = *target;
+        let target = *nominal.isometry();
+        let before = core::mem::replace(&mut self.nominal, target);
+        if self.lag <= 0.0 || seconds <= 0.0 {
+            if self.lag <= 0.0 {
+                self.lagged = target;
+            }
             return;
         }
-        let share = -(-seconds / self.lag).exp_m1();
-        let screw = (self.lagged.rotation.inverse() * target.rotation).scaled_axis();
+        // First order, exact for a steady motion of the nominal pose between the calls.
+        let decay = (-seconds / self.lag).exp();
+        let share = self.lag / seconds * (1.0 - decay);
+        let behind = (before.translation.vector - self.lagged.translation.vector) * decay
+            + (target.translation.vector - before.translation.vector) * share;
+        let turn = (self.lagged.rotation.inverse() * before.rotation).scaled_axis() * decay
+            + (before.rotation.inverse() * target.rotation).scaled_axis() * share;
         self.lagged = Isometry3::from_parts(
-            self.lagged
-                .translation
-                .vector
-                .lerp(&target.translation.vector, share)
-                .into(),
-            self.lagged.rotation * UnitQuaternion::from_scaled_axis(screw * share),
+            (target.translation.vector - behind).into(),
+            target.rotation * UnitQuaternion::from_scaled_axis(-turn),
         );
     }
 

@@ -7,10 +7,11 @@ mod opw;
 mod rates;
 mod turns;
 mod urdf;
+mod urdf_error;
 
 pub use chain::{Chain, Jacobian};
 pub use inverse::Turns;
 pub use opw::OpwParameters;
 pub use rates::{RateSettings, TwistRates};
 pub use turns::{NotEnoughTravel, RemainingTravel, TurnBudget};
-pub use urdf::UrdfError;
+pub use urdf_error::UrdfError;

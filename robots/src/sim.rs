@@ -19,6 +19,7 @@ pub use driver::{Refusal, SimulatedDriver};
 pub use fault::Fault;
 
 use crate::kinematics::Chain;
+use servo::TICK;
 use world::World;
 
 /// What the simulated arm is like. The default is a good industrial servo; the figures are
@@ -76,6 +77,31 @@ impl SimSettings {
             encoder_step: 0.0,
             ..Self::default()
         }
+    }
+
+    fn check(&self) -> Result<(), SimError> {
+        let non_negative = [
+            ("servo_lag", self.servo_lag),
+            ("encoder_step", self.encoder_step),
+        ];
+        for (setting, value) in non_negative {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(SimError::Setting { setting });
+            }
+        }
+        if self.tracking_fault.is_nan() || self.tracking_fault <= 0.0 {
+            let setting = "tracking_fault";
+            return Err(SimError::Setting { setting });
+        }
+        if self.period.is_zero() || !self.period.as_nanos().is_multiple_of(TICK.as_nanos()) {
+            // Encoders are read at ticks.
+            return Err(SimError::Setting { setting: "period" });
+        }
+        if self.command_expiry > self.command_fault {
+            let setting = "command_expiry";
+            return Err(SimError::Setting { setting });
+        }
+        Ok(())
     }
 }
 

@@ -87,7 +87,7 @@ const TIP_AXIS: Colour = [0.1, 0.9, 0.2, 1.0];
 const TRUTH: Colour = [0.8, 0.2, 0.9, 0.6];
 
 /// Diameter of the drawn target \[m\].
-const TARGET_DIAMETER: f64 = 0.004;
+const TARGET_DIAMETER: f64 = 0.006;
 /// Length of the drawn tip axis \[m\].
 const TIP_AXIS_LENGTH: f64 = 0.03;
 

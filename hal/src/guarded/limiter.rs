@@ -2,9 +2,9 @@
 
 use core::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use super::axis::{Admissible, Axis, Bounds, Cause};
+use super::binding::Binding;
+use super::motion::{Limited, LimiterError, Motion};
 use crate::telemetry::Limit;
 use crate::{JointLimit, JointLimits, Joints, MAX_JOINTS};
 
@@ -12,80 +12,6 @@ use crate::{JointLimit, JointLimits, Joints, MAX_JOINTS};
 const ROUNDING: f64 = 1e-13;
 /// Rounding allowed where the line of the command only just meets a limit, relative to rates.
 const SLACK: f64 = 1e-14;
-
-/// Rates within the limits.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Limited {
-    /// Rates to execute for one period \[rad/s\].
-    pub rates: Joints,
-    /// Limits that made them differ from those wanted, in no order.
-    pub limits: Vec<Limit>,
-    /// Whether `rates` are a multiple of those wanted (to stop: of those executed); from 0 to 1
-    /// times, unless the arm came along the same line faster or backwards. False only while the
-    /// arm leaves another direction of motion.
-    pub straight: bool,
-}
-
-/// What an arm was last told to do: rates \[rad/s\] and their change \[rad/s2\].
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Motion {
-    /// Rates \[rad/s\].
-    pub rates: Joints,
-    /// Accelerations \[rad/s2\].
-    pub accelerations: Joints,
-}
-
-impl Motion {
-    /// Moving at constant rates.
-    pub fn steady(rates: Joints) -> Self {
-        Self {
-            rates,
-            accelerations: rates.zeroed(),
-        }
-    }
-
-    /// Whether nothing moves and nothing is about to.
-    pub fn is_rest(&self) -> bool {
-        self.rates
-            .iter()
-            .chain(self.accelerations.iter())
-            .all(|x| *x == 0.0)
-    }
-}
-
-/// Why a limiter cannot be built.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum LimiterError {
-    /// The number of joints is not 1 to [`MAX_JOINTS`].
-    #[error("{joints} joints; 1 to {MAX_JOINTS} are supported")]
-    Joints {
-        /// The number of joints.
-        joints: usize,
-    },
-    /// A limit is not a positive finite number.
-    #[error("joint {joint}: speed, acceleration and jerk have to be positive and finite")]
-    NotPositive {
-        /// Number of the joint, from 0.
-        joint: usize,
-    },
-    /// The margins leave no range, or one too short to stop in.
-    #[error("joint {joint}: a range of {range_rad} rad between the margins is too short")]
-    Range {
-        /// Number of the joint, from 0.
-        joint: usize,
-        /// What is left \[rad\].
-        range_rad: f64,
-    },
-    /// The margin is not a finite number of at least zero.
-    #[error("the margin of {margin_rad} rad is no finite number of at least zero")]
-    Margin {
-        /// The margin \[rad\].
-        margin_rad: f64,
-    },
-    /// The holding time is zero.
-    #[error("the time for which rates may stand has to be positive")]
-    Hold,
-}
 
 /// Pure limiter of joint rates; see [`Limiter::step`].
 #[derive(Clone, Debug)]
@@ -385,38 +311,6 @@ impl Limiter {
             rates,
             limits,
             straight: false,
-        }
-    }
-}
-
-/// The joints that set the limits along a line.
-#[derive(Clone, Copy, Debug, Default)]
-struct Binding {
-    velocity: u8,
-    acceleration: u8,
-    jerk: u8,
-    up: u8,
-    down: u8,
-}
-
-impl Binding {
-    fn all(joint: u8) -> Self {
-        Self {
-            velocity: joint,
-            acceleration: joint,
-            jerk: joint,
-            up: joint,
-            down: joint,
-        }
-    }
-
-    fn limit(self, cause: Cause, upwards: bool) -> Limit {
-        match cause {
-            Cause::Position if upwards => Limit::JointPosition(self.up),
-            Cause::Position => Limit::JointPosition(self.down),
-            Cause::Velocity => Limit::JointVelocity(self.velocity),
-            Cause::Acceleration => Limit::JointAcceleration(self.acceleration),
-            Cause::Jerk => Limit::JointJerk(self.jerk),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The phantom's own acceptance: its physics against closed forms and invariants.
 
 mod authority;
+mod bench;
 mod energy;
 mod events;
 mod invariance;

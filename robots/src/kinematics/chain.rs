@@ -4,7 +4,8 @@ use hal::{JointLimit, Joints, MAX_JOINTS};
 use nalgebra::{Isometry3, Matrix3, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector3};
 
 use super::opw::Opw;
-use super::urdf::{self, UrdfError};
+use super::urdf;
+use super::urdf_error::UrdfError;
 
 /// Geometric Jacobian `j_tip_joints`: joint rates to the tip's twist \[linear; angular\] along
 /// the axes of the chain's base, at the tip's origin. One column a joint; columns beyond the

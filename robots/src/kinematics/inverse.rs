@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 
 use super::chain::Chain;
 use super::numeric;
-use super::opw::OpwParameters;
+use super::opw::{Opw, OpwParameters};
 
 /// Which full turns of the joints count as solutions of their own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -73,7 +73,7 @@ impl Chain {
 
     /// Parameters of the analytic solution; `None` for arms that are solved numerically.
     pub fn opw(&self) -> Option<&OpwParameters> {
-        self.analytic().map(|opw| opw.parameters())
+        self.analytic().map(Opw::parameters)
     }
 
     /// The same posture with every joint as near to zero as its limits allow, if they do.

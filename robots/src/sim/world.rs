@@ -44,7 +44,7 @@ impl World {
         start: &Joints,
         settings: SimSettings,
     ) -> Result<Self, SimError> {
-        check_settings(&settings)?;
+        settings.check()?;
         for given in [start.len(), names.len()] {
             if given != limits.len() {
                 let expected = limits.len();
@@ -329,29 +329,4 @@ impl World {
         self.read_encoders();
         Ok(())
     }
-}
-
-fn check_settings(settings: &SimSettings) -> Result<(), SimError> {
-    let non_negative = [
-        ("servo_lag", settings.servo_lag),
-        ("encoder_step", settings.encoder_step),
-    ];
-    for (setting, value) in non_negative {
-        if !(value.is_finite() && value >= 0.0) {
-            return Err(SimError::Setting { setting });
-        }
-    }
-    if settings.tracking_fault.is_nan() || settings.tracking_fault <= 0.0 {
-        let setting = "tracking_fault";
-        return Err(SimError::Setting { setting });
-    }
-    if settings.period.is_zero() || !settings.period.as_nanos().is_multiple_of(TICK.as_nanos()) {
-        // Encoders are read at ticks.
-        return Err(SimError::Setting { setting: "period" });
-    }
-    if settings.command_expiry > settings.command_fault {
-        let setting = "command_expiry";
-        return Err(SimError::Setting { setting });
-    }
-    Ok(())
 }

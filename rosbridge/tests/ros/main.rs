@@ -5,6 +5,7 @@
 
 mod arm;
 mod child;
+mod launch;
 mod master;
 mod robustness;
 mod telemetry;

@@ -104,6 +104,10 @@ impl Master {
         }
     }
 
+    pub(crate) fn home(&self) -> &Path {
+        &self.home
+    }
+
     /// Puts a process on this master.
     pub(crate) fn environment(&self, command: &mut Command) {
         command
