@@ -1,7 +1,7 @@
 //! Limits that nothing behind them can be made to break.
 //!
 //! [`Limiter`] is the pure limiter of joint rates; [`Guard`] adds a workspace and speed caps of
-//! the tool; [`Guarded`] puts a guard in front of any [`Arm`]. A driver that streams set points
+//! the tool; [`Guarded`] puts a guard in front of any [`Arm`](crate::Arm). A driver that streams set points
 //! uses a [`Guard`] on its own set points, where the guarantees are exact.
 
 mod arm;

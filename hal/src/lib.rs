@@ -1,7 +1,7 @@
 //! Vocabulary of the needle-steering system and the contracts of its devices.
 //!
-//! Everything that crosses a seam between crates is defined here: [time](time), [frames](frame),
-//! [twists](twist), [joints](joints), [images](image), [sensed needle shapes](shape), the
+//! Everything that crosses a seam between crates is defined here: [time], [frames](frame),
+//! [twists](twist), [joints], [images](image), [sensed needle shapes](shape), the
 //! [`Arm`] and sensor traits, the decorators that guard and record an arm, the
 //! [`Telemetry`] snapshot and the [`Error`] of devices.
 //!

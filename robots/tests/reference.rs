@@ -1,5 +1,6 @@
 //! Forward kinematics and Jacobians against reference data computed with ViSP and with an
 //! independent reading of the same URDF (tests/data/viper/README.md).
+#![expect(clippy::unwrap_used, reason = "a helper that fails fails its test")]
 
 use hal::Joints;
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};

@@ -1,4 +1,5 @@
 //! The simulated arm: determinism, imperfections and every fault that can be injected.
+#![expect(clippy::unwrap_used, reason = "a helper that fails fails its test")]
 
 use core::time::Duration;
 

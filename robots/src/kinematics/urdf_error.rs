@@ -78,7 +78,7 @@ pub enum UrdfError {
         /// The joint that it follows.
         mimicked: String,
     },
-    /// A joint has no <limit>.
+    /// A joint has no limits.
     #[error("joint {joint}: <limit> is missing")]
     MissingLimits {
         /// Name of the joint.
