@@ -2,6 +2,8 @@
 //! fault, 2 bad usage or configuration.
 
 mod arm;
+mod calibrate;
+mod model;
 mod reproduce;
 mod run;
 
@@ -27,6 +29,11 @@ enum Command {
     Run(run::RunArgs),
     /// The paper's four experiments over seeds: Table I beside the paper's values.
     Reproduce(reproduce::ReproduceArgs),
+    /// Equilibrium of the needle model for a given state, as JSON.
+    Shape(model::ShapeArgs),
+    /// Camera calibration and registration.
+    #[command(subcommand)]
+    Calibrate(calibrate::CalibrateCommand),
     /// Forward kinematics of an arm: pose and Jacobian of a link.
     Fk(arm::FkArgs),
     /// Inverse kinematics of an arm: every joint vector that reaches a pose.
@@ -101,6 +108,8 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Command::Run(args) => return run::execute(&args),
         Command::Reproduce(args) => return reproduce::execute(&args),
+        Command::Shape(args) => return model::shape(&args),
+        Command::Calibrate(command) => return calibrate::execute(&command),
         Command::Fk(args) => return arm::fk(&args),
         Command::Ik(args) => return arm::ik(&args),
         Command::Check { config } => {
