@@ -183,14 +183,18 @@ fn arm_place(config: &Config) -> Transform<World, ArmBase> {
     ))
 }
 
-/// The branch farthest from singularities, its last joint turned least, so that the needle can
-/// spin in both senses.
+/// The branch with most room: far from singularities and from the ends of the joints, its last
+/// joint turned least, so that the needle can spin in both senses.
 fn start_joints(chain: &Chain, base_from_tip: &Isometry3<f64>) -> Option<hal::Joints> {
     /// Reach over which the Jacobian's rows are compared \[m\].
     const LENGTH: f64 = 0.1;
+    /// Room beyond which more is no better \[rad\].
+    const ENOUGH: f64 = 1.0;
     let merit = |q: &hal::Joints| {
+        let room = |(q, limit): (&f64, &hal::JointLimit)| (q - limit.lower).min(limit.upper - q);
+        let least = q.iter().zip(chain.limits()).map(room).fold(ENOUGH, f64::min);
         let turned = q.last().map_or(0.0, |last| last.abs());
-        chain.dexterity(q, LENGTH) - 0.1 * turned
+        chain.dexterity(q, LENGTH) + least - 0.1 * turned
     };
     chain
         .inverse(base_from_tip, Turns::One)

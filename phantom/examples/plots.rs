@@ -26,6 +26,7 @@ struct Axes<'a> {
     title: &'a str,
     x: (&'a str, f64, f64),
     y: (&'a str, f64, f64),
+    legend: SeriesLabelPosition,
 }
 
 fn chart(file: &Path, axes: &Axes, draw: impl FnOnce(&mut Chart) -> Outcome) -> Outcome {
@@ -47,6 +48,7 @@ fn chart(file: &Path, axes: &Axes, draw: impl FnOnce(&mut Chart) -> Outcome) -> 
     draw(&mut chart)?;
     chart
         .configure_series_labels()
+        .position(axes.legend.clone())
         .label_font(("sans-serif", 13))
         .background_style(WHITE.mix(0.85))
         .border_style(BLACK.mix(0.3))
@@ -94,6 +96,7 @@ fn insertion(folder: &Path) -> Outcome {
         title: "Uncontrolled insertion, preset ideal: shaft and cut path at 20, 50 and 80 mm",
         x: ("depth [mm]", -60.0, 90.0),
         y: ("towards the bevel direction [mm]", -1.0, 8.0),
+        legend: SeriesLabelPosition::UpperLeft,
     };
     chart(&folder.join("insertion.svg"), &axes, |chart| {
         let settings = Settings::default();
@@ -126,6 +129,7 @@ fn authority(folder: &Path) -> Outcome {
         title: "Authority of the base: tip tilt per millimetre of base shift",
         x: ("depth of O [mm]", 0.0, 90.0),
         y: ("tip tilt [deg/mm]", -0.9, 0.2),
+        legend: SeriesLabelPosition::LowerRight,
     };
     chart(&folder.join("authority.svg"), &axes, |chart| {
         for (stiffness, colour) in [(5e3, ORANGE), (1e4, BLUE_), (2e4, GREEN_)] {
@@ -156,6 +160,7 @@ fn population(folder: &Path) -> Outcome {
         title: "Uncontrolled misses of 100 runs of each frozen population",
         x: ("aligned target [mm]", 0.0, 12.0),
         y: ("target shifted by 1 cm [mm]", 0.0, 10.0),
+        legend: SeriesLabelPosition::UpperRight,
     };
     chart(&folder.join("population.svg"), &axes, |chart| {
         for (name, colour) in [("paper", BLUE_), ("paper-compliant", ORANGE)] {

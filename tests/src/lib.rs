@@ -3,6 +3,11 @@
 
 mod arm_contract;
 mod arrows;
+mod calibration_truth;
 mod equations;
 mod tidy;
+<<<<<<< HEAD
 mod supervision;
+=======
+mod viper_contract;
+>>>>>>> main

@@ -1,8 +1,5 @@
 //! Detection, refinement, solving and triangulation.
-#![expect(
-    missing_docs,
-    reason = "criterion's macros generate undocumented items"
-)]
+#![expect(clippy::unwrap_used, reason = "a bench may stop")]
 
 #[path = "../tests/synthetic/mod.rs"]
 mod synthetic;

@@ -1,4 +1,5 @@
 //! Calibration on real photographs, beside OpenCV.
+#![expect(clippy::unwrap_used, reason = "a test")]
 
 mod reference;
 
@@ -108,4 +109,32 @@ fn opencvs_corners_give_opencvs_parameters() {
             close("R", r[(i, j)], &opencv["R_right_from_left"][i][j], 1e-4);
         }
     }
+}
+
+#[test]
+fn the_report_is_one_page_with_everything() {
+    let Some(opencv) = reference::opencv() else {
+        return;
+    };
+    let mut corners = pairs(|name| reference::opencv_corners(&opencv, name));
+    corners[3].left[10].x += 5.0;
+    let page = vision::report::calibration_report(&calibrate(&corners)).unwrap();
+    assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>\n"));
+    assert_eq!(page.matches("<svg").count(), 5);
+    assert!(
+        !page.contains("http://")
+            || page.matches("http://").count() == page.matches("xmlns=\"http://").count()
+    );
+    assert!(!page.contains("<script src") && !page.contains("<link"));
+    for part in [
+        "left04.jpg: corner 10",
+        "Joint RMS",
+        "left fx",
+        "R z",
+        "Coverage",
+        "Epipolar",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(!page.contains("NaN"));
 }

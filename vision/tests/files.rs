@@ -1,4 +1,9 @@
 //! Files written, read back, and read by OpenCV's own reader where it is installed.
+#![expect(
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "a test; files hold every digit"
+)]
 
 use std::path::PathBuf;
 use std::process::Command;

@@ -1,4 +1,5 @@
 //! Stated covariances against the spread of repeated synthetic calibrations.
+#![expect(clippy::unwrap_used, reason = "a test")]
 
 mod synthetic;
 
@@ -83,10 +84,17 @@ fn recorded(
     rng: &mut rand_chacha::ChaCha8Rng,
 ) -> Vec<RecordedPose> {
     let (sp, sr) = (0.1e-3, 0.5e-3);
-    let poses = poses(20, 0.5, rng);
     let mut out = Vec::new();
-    for (k, left_from_board) in poses.iter().enumerate() {
+    while out.len() < 20 {
+        let left_from_board = &poses(1, 0.5, rng)[0];
         let mut pair = synthetic::pair(truth, left_from_board, 0.15, rng);
+        // Where the calibration's boards were: beyond, its distortion is extrapolated.
+        let covered = |p: &nalgebra::Point2<f64>| {
+            (50.0..590.0).contains(&p.x) && (40.0..440.0).contains(&p.y)
+        };
+        if !pair.left.iter().chain(&pair.right).all(covered) {
+            continue;
+        }
         let world_from_flange = world_from_left * left_from_board * flange_from_board.inverse();
         let mut noise = |s: f64| nalgebra::Vector3::from_fn(|_, _| s * gauss(rng));
         let read = Isometry3::from_parts(
@@ -98,7 +106,7 @@ fn recorded(
             pair.right.truncate(1);
         }
         out.push(RecordedPose {
-            name: format!("pose {k}"),
+            name: format!("pose {}", out.len()),
             world_from_flange: Transform::assume(read),
             left: pair.left,
             right: pair.right,

@@ -11,11 +11,13 @@ mod background;
 mod blur;
 mod board;
 mod calibration;
+mod covariance;
 mod coverage;
 mod geometry;
 mod lens;
 mod noise;
 mod parameters;
+mod presets;
 mod refraction;
 mod renderer;
 mod settings;
@@ -27,7 +29,7 @@ mod tests;
 mod view;
 
 pub use board::{BoardError, BoardView};
-pub use calibration::{CalibrationSigma, Undetermined, calibration_boards, calibration_sigma};
+pub use covariance::{CalibrationSigma, Undetermined, calibration_boards, calibration_sigma};
 pub use lens::{Lens, Pixel};
 pub use parameters::{Container, Plane, RigParameters, Side};
 pub use settings::{

@@ -12,7 +12,8 @@ use rand::RngExt;
 
 use super::background;
 use super::board::{BoardError, BoardView};
-use super::calibration::{self, Given, Undetermined};
+use super::calibration::{self, Given};
+use super::covariance::Undetermined;
 use super::geometry;
 use super::noise::{Noise, Stream, generator};
 use super::parameters::{RigParameters, Side};

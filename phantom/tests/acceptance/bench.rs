@@ -147,13 +147,13 @@ fn mounting_and_kinematic_errors_move_the_needle_as_set() {
     );
     let nominal = *default_setup(&settings, 1).world_from_base.isometry();
     let mut squares = [0.0; 2];
-    let runs = 60;
-    for seed in 1..=runs {
+    let runs = 60u32;
+    for seed in 1..=u64::from(runs) {
         let bench = bench(&settings, seed);
         let actual = bench.truth().world_from_base;
         let error = nominal.inverse() * actual.isometry();
-        squares[0] += error.translation.vector.z.powi(2) / f64::from(runs as u32);
-        squares[1] += error.rotation.scaled_axis().x.powi(2) / f64::from(runs as u32);
+        squares[0] += error.translation.vector.z.powi(2) / f64::from(runs);
+        squares[1] += error.rotation.scaled_axis().x.powi(2) / f64::from(runs);
     }
     let [along, turn] = squares.map(f64::sqrt);
     // Along the needle only the kinematic error acts; sigma 0.2 mm, sixty runs: 9 %.

@@ -1,4 +1,8 @@
 //! The phantom's own acceptance: its physics against closed forms and invariants.
+#![expect(
+    clippy::unwrap_used,
+    reason = "helpers of tests fail where they stand"
+)]
 
 mod authority;
 mod bench;

@@ -21,6 +21,9 @@ pub struct Lockstep {
     wire: Wire,
     next_tick: Stamp,
     period: Duration,
+    stalled_until: Stamp,
+    ahead: Duration,
+    dead: bool,
 }
 
 enum Wire {
@@ -79,6 +82,9 @@ impl Lockstep {
             wire,
             next_tick: Stamp::ZERO,
             period,
+            stalled_until: Stamp::ZERO,
+            ahead: Duration::ZERO,
+            dead: false,
         }
     }
 
@@ -90,18 +96,48 @@ impl Lockstep {
     /// Lets time pass for both. The driver's period that begins at a tick is computed when time
     /// leaves that tick, with the command given there.
     pub fn advance_to(&mut self, now: Stamp) {
-        self.exchange(self.emulator.now());
+        if self.emulator.now() >= self.stalled_until {
+            self.exchange(self.emulator.now());
+        }
         while self.next_tick < now {
             let tick = self.next_tick;
+            self.next_tick = tick + self.period;
+            if tick < self.stalled_until {
+                continue;
+            }
             self.emulator.advance_to(tick);
             self.exchange(tick);
-            self.shared.core().tick(tick);
-            self.exchange(tick);
-            self.next_tick = tick + self.period;
+            if !self.dead {
+                self.shared.core().tick(tick + self.ahead);
+                self.exchange(tick);
+            }
         }
         self.emulator.advance_to(now);
-        self.exchange(now);
-        self.shared.core().set_time(now);
+        if now >= self.stalled_until {
+            self.exchange(now);
+            self.shared.core().set_time(now + self.ahead);
+        }
+    }
+
+    /// The driver's thread gets no time until then.
+    pub const fn stall(&mut self, until: Stamp) {
+        self.stalled_until = until;
+    }
+
+    /// The driver's clock jumps ahead of the controller's.
+    pub fn jump(&mut self, by: Duration) {
+        self.ahead += by;
+    }
+
+    /// The driver's process is killed: its connections close, nobody says goodbye.
+    pub fn kill(&mut self) {
+        self.dead = true;
+        if let Wire::Memory(cable) = &mut self.wire {
+            cable.cut = true;
+        }
+        Port::ALL
+            .iter()
+            .for_each(|port| self.emulator.disconnect(*port));
     }
 
     /// Cuts the cable, or mends it: bytes vanish, nobody is told.
@@ -128,7 +164,9 @@ impl Lockstep {
 
     fn exchange(&mut self, now: Stamp) {
         match &mut self.wire {
-            Wire::Memory(cable) => cable.exchange(now, &self.shared, &self.emulator),
+            Wire::Memory(cable) => {
+                cable.exchange(now, now + self.ahead, &self.shared, &self.emulator);
+            }
             Wire::Tcp { .. } => settle(&self.shared, &self.emulator),
         }
     }
@@ -145,10 +183,11 @@ impl fmt::Debug for Lockstep {
 
 impl Cable {
     /// Carries bytes both ways until nobody has anything to say at this instant.
-    fn exchange(&mut self, now: Stamp, shared: &Shared, emulator: &Emulator) {
+    /// `now` is the controller's time, `here` the driver's.
+    fn exchange(&mut self, now: Stamp, here: Stamp, shared: &Shared, emulator: &Emulator) {
         loop {
             let mut core = shared.core();
-            self.connect(now, &mut core, emulator);
+            self.connect(here, &mut core, emulator);
             let Some(generation) = self.generation else {
                 return;
             };
@@ -163,12 +202,12 @@ impl Cable {
                 while let Some(bytes) = emulator.transmit(port) {
                     busy = true;
                     if !self.cut {
-                        core.received(now, generation, port, &bytes);
+                        core.received(here, generation, port, &bytes);
                     }
                 }
             }
             if !self.cut && Port::ALL.iter().any(|port| emulator.is_closing(*port)) {
-                core.lost(now, generation, LinkError::Closed);
+                core.lost(here, generation, LinkError::Closed);
                 busy = true;
             }
             if !busy {

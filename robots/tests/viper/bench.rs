@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use hal::{Arm, ArmMode, Error, FaultReason, Joints, RateCommand, Stamp};
 use robots::viper::driver::Core;
-use robots::viper::emulator::{EmulatorConfig, Entry, Record};
+use robots::viper::emulator::{EmulatorConfig, Entry};
 use robots::viper::{Config, Dialect, Emulator, Lockstep, ViperArm};
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(16);
@@ -158,11 +158,3 @@ pub(crate) fn slow() -> [f64; 6] {
 
 /// Largest rate of [`slow`] over a period: one segment \[rad\].
 pub(crate) const SEGMENT: f64 = 0.05 * 0.016;
-
-/// Every position in a journal.
-pub(crate) fn positions(entries: &[Entry]) -> impl Iterator<Item = (Stamp, Joints)> {
-    entries.iter().filter_map(|entry| match entry.record {
-        Record::Position(joints) => Some((entry.stamp, joints)),
-        _ => None,
-    })
-}

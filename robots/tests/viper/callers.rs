@@ -171,6 +171,9 @@ fn t13_a_killed_driver_leaves_at_most_two_segments() {
     for dialect in BOTH {
         let mut bench = Bench::moving(dialect);
         let at = bench.truth();
+        // In the middle of a segment.
+        bench.command(slow()).unwrap();
+        bench.rig.advance_to(bench.now + Duration::from_millis(8));
         bench.rig.kill();
         bench.rest(60);
         let travel = bench.travel(&at);

@@ -86,12 +86,7 @@ fn stops_and_stays_stopped(dialect: Dialect, (trouble, expected): Trouble) {
 #[test]
 fn t07_an_emergency_stop_while_moving_stops_and_its_release_moves_nothing() {
     for dialect in BOTH {
-        if dialect == Dialect::Steer {
-            stops_and_stays_stopped(dialect, TROUBLES[0]);
-        } else {
-            // The 2018 program reports no reason but the pressed button itself.
-            stops_and_stays_stopped(dialect, TROUBLES[0]);
-        }
+        stops_and_stays_stopped(dialect, TROUBLES[0]);
     }
 }
 
@@ -122,6 +117,21 @@ fn t08_enabling_is_refused_while_the_controller_is_not_ready() {
         assert_eq!(bench.mode(), ArmMode::Connected);
         bench.arm().enable().unwrap();
     }
+}
+
+#[test]
+fn t08_a_program_that_aborts_without_power_stays_stopped_too() {
+    let mut bench = Bench::moving(Dialect::Adept2018);
+    bench.emulator().turn(|knobs| {
+        knobs.abort_without_power = true;
+        knobs.e_stop = true;
+    });
+    bench.try_to_go(slow(), 12);
+    assert_eq!(bench.reason(), Some(FaultReason::ConnectionLost));
+    bench.emulator().turn(|knobs| *knobs = Knobs::default());
+    bench.rest(40);
+    bench.assert_dead();
+    bench.assert_revives();
 }
 
 #[test]

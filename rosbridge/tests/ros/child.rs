@@ -132,7 +132,7 @@ fn frames() -> Frames {
 }
 
 /// Positions of the Viper's joints at which the needle points down, its tip at (0.4, 0, 0.25) m.
-pub(crate) const JOINTS: [f64; 6] = [0.0, -1.462349, 3.616621, 0.0, 0.987321, 0.0];
+const JOINTS: [f64; 6] = [0.0, -1.462_349, 3.616_621, 0.0, 0.987_321, 0.0];
 
 /// A straight needle above a target.
 fn telemetry(step: u64, stamp: Stamp) -> Telemetry {

@@ -165,6 +165,7 @@ pub(super) fn inverse<const S: usize>(
     information: &SMatrix<f64, S, S>,
 ) -> Option<SMatrix<f64, S, S>> {
     let inverse = factor(information)?.inverse();
-    let result = SMatrix::<f64, S, S>::from_fn(|i, j| (inverse[(i, j)] + inverse[(j, i)]) / 2.0);
+    let result =
+        SMatrix::<f64, S, S>::from_fn(|i, j| f64::midpoint(inverse[(i, j)], inverse[(j, i)]));
     result.iter().all(|x| x.is_finite()).then_some(result)
 }

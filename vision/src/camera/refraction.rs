@@ -67,10 +67,9 @@ impl FlatWindow {
     /// It is behind the camera, has a negative thickness, or an impossible index.
     pub fn validated(self) -> Result<Self, InvalidWindow> {
         let normal_finite = self.normal.iter().all(|x| x.is_finite());
-        if !(self.distance > 0.0 && self.distance.is_finite())
-            || !(self.thickness >= 0.0 && self.thickness.is_finite())
-            || !normal_finite
-        {
+        let in_front = self.distance > 0.0 && self.distance.is_finite();
+        let solid = self.thickness >= 0.0 && self.thickness.is_finite();
+        if !(in_front && solid && normal_finite) {
             return Err(InvalidWindow::Geometry {
                 distance_m: self.distance,
                 thickness_m: self.thickness,

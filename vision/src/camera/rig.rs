@@ -83,7 +83,7 @@ impl StereoRig {
 impl View {
     /// Projects a point of the stereo frame \[m\]; `None` where the camera cannot see it.
     pub fn project(&self, point: &Vector3<f64>) -> Option<DistortedPx> {
-        let p = self.to_camera(point);
+        let p = self.in_camera(point);
         match &self.window {
             None => self.camera.project(&p),
             Some(w) => self.camera.project(&w.direction_to(&p)?.direction),
@@ -97,7 +97,7 @@ impl View {
         point: &Vector3<f64>,
     ) -> Option<(DistortedPx, Matrix2x3<f64>)> {
         let rotation = self.camera_from_left.rotation.to_rotation_matrix();
-        let p = self.to_camera(point);
+        let p = self.in_camera(point);
         let (px, j) = match &self.window {
             None => self.camera.project_with_derivative(&p)?,
             Some(w) => {
@@ -128,7 +128,7 @@ impl View {
         })
     }
 
-    fn to_camera(&self, point: &Vector3<f64>) -> Vector3<f64> {
+    fn in_camera(&self, point: &Vector3<f64>) -> Vector3<f64> {
         (self.camera_from_left * Point3::from(*point)).coords
     }
 }

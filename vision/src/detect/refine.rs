@@ -49,7 +49,7 @@ pub fn refine_corner(
     let mut at = start;
     for _ in 0..max_iterations.max(1) {
         sample(image, &at, &mut patch[..size * size], size)?;
-        let (a, b) = moments(&patch[..size * size], size, &weights[..2 * half + 1]);
+        let (a, b) = moments(&patch[..size * size], size, &weights[..=2 * half]);
         let det = a.determinant();
         // Both edge directions must be there: the smaller eigenvalue not below a thousandth.
         if det.is_nan() || det <= 1e-3 * a.trace() * a.trace() / 4.0 {

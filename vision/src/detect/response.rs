@@ -19,11 +19,14 @@ pub(super) struct Peak {
     pub response: i16,
 }
 
+/// Pixels handled at once: arrays of fixed size fill the vector units.
+const LANES: usize = 16;
+
 /// Response at every pixel, zero within [`RING`] of the border.
 pub(super) fn response(image: &GrayImage) -> Vec<i16> {
     let (w, h) = (image.width(), image.height());
     let mut out = vec![0; w * h];
-    if w <= 2 * RING || h <= 2 * RING {
+    if w < 2 * RING + LANES || h <= 2 * RING {
         return out;
     }
     let n = w - 2 * RING;
@@ -47,20 +50,48 @@ pub(super) fn response(image: &GrayImage) -> Vec<i16> {
         ]
         .map(|(x, y)| at(x, y));
         let line = &mut out[y * w + RING..][..n];
-        for x in 0..n {
-            let (mut sum, mut diff, mut total) = (0_i16, 0_i16, 0_i16);
-            for [a, b, c, d] in &ring {
-                let (a, b) = (i16::from(a[x]), i16::from(b[x]));
-                let (c, d) = (i16::from(c[x]), i16::from(d[x]));
-                sum += ((a + c) - (b + d)).abs();
-                diff += (a - c).abs() + (b - d).abs();
-                total += (a + c) + (b + d);
-            }
-            let mut centre = 0_i16;
-            for row in &around {
-                centre += i16::from(row[x]);
-            }
-            line[x] = sum - diff - (2 * centre - total).abs();
+        let mut x = 0;
+        while x < n {
+            // The last block overlaps the one before.
+            x = x.min(n - LANES);
+            let block = lanes_response(&ring, &around, x);
+            line[x..x + LANES].copy_from_slice(&block);
+            x += LANES;
+        }
+    }
+    out
+}
+
+fn lanes_response(ring: &[[&[u8]; 4]; 4], around: &[&[u8]; 8], x: usize) -> [i16; LANES] {
+    let (mut sum, mut diff, mut total) = ([0_i16; LANES], [0_i16; LANES], [0_i16; LANES]);
+    for rows in ring {
+        let [a, b, c, d] = rows.map(|row| load(row, x));
+        for k in 0..LANES {
+            let (ac, bd) = (a[k] + c[k], b[k] + d[k]);
+            sum[k] += (ac - bd).abs();
+            diff[k] += (a[k] - c[k]).abs() + (b[k] - d[k]).abs();
+            total[k] += ac + bd;
+        }
+    }
+    let mut centre = [0_i16; LANES];
+    for row in around {
+        let v = load(row, x);
+        for k in 0..LANES {
+            centre[k] += v[k];
+        }
+    }
+    let mut out = [0; LANES];
+    for k in 0..LANES {
+        out[k] = sum[k] - diff[k] - (2 * centre[k] - total[k]).abs();
+    }
+    out
+}
+
+fn load(row: &[u8], x: usize) -> [i16; LANES] {
+    let mut out = [0; LANES];
+    if let Some(bytes) = row.get(x..).and_then(<[u8]>::first_chunk::<LANES>) {
+        for (o, b) in out.iter_mut().zip(bytes) {
+            *o = i16::from(*b);
         }
     }
     out

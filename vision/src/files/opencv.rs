@@ -1,6 +1,7 @@
 //! OpenCV `FileStorage` YAML (`stereo.yml`): the rig, its rectification, its covariance, and the
 //! container where there is one.
 
+use core::fmt::Write as _;
 use std::path::Path;
 
 use hal::Transform;
@@ -76,10 +77,8 @@ pub fn stereo_yml(file: &StereoFile) -> String {
     let row = |d: [f64; 5]| DMatrix::from_row_slice(1, 5, &d);
     let projection = |k: usize| DMatrix::from_column_slice(3, 4, info[k].projection.as_slice());
     let mut text = String::from("%YAML:1.0\n---\n");
-    text += &format!(
-        "image_width: {}\nimage_height: {}\n",
-        rig.left.width, rig.left.height
-    );
+    let _ = writeln!(text, "image_width: {}", rig.left.width);
+    let _ = writeln!(text, "image_height: {}", rig.left.height);
     for (key, m) in [
         ("M1", square(&rig.left.matrix())),
         ("D1", row(rig.left.distortion.to_array())),
@@ -97,7 +96,7 @@ pub fn stereo_yml(file: &StereoFile) -> String {
         text += &matrix(key, &m);
     }
     if let Some(sigma) = file.corner_sigma_px {
-        text += &format!("corner_sigma_px: {}\n", digits(sigma));
+        let _ = writeln!(text, "corner_sigma_px: {}", digits(sigma));
     }
     if let Some(c) = &file.covariance {
         text += &matrix(

@@ -1,4 +1,12 @@
 //! The photographs and OpenCV's results on them, where they are.
+#![allow(
+    dead_code,
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    clippy::allow_attributes,
+    reason = "for tests, of which each uses a part"
+)]
 
 use std::path::PathBuf;
 

@@ -1,5 +1,10 @@
 //! A rig, boards and images made up for tests.
-#![allow(dead_code, reason = "each test uses a part")]
+#![allow(
+    dead_code,
+    clippy::unwrap_used,
+    clippy::allow_attributes,
+    reason = "for tests, of which each uses a part"
+)]
 
 use hal::{GrayImage, Transform};
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};

@@ -250,9 +250,10 @@ impl Core {
     /// One period: watches, then sends the next point.
     pub fn tick(&mut self, now: Stamp) {
         let now = self.at(now);
-        if let Some(deadline) = self.deadline {
-            self.metrics.tick(now.since(deadline));
-        }
+        let late = self
+            .deadline
+            .map_or(Duration::ZERO, |deadline| now.since(deadline));
+        self.metrics.tick(late);
         self.deadline = Some(now + self.config.period);
         if let Err(error) = self.link.tick(now, &self.config.timing) {
             self.drop_link(now, error);
@@ -261,6 +262,15 @@ impl Core {
             return;
         }
         self.watch(now);
+        if late > self.config.timing.command_fault && self.mode == Mode::Moving {
+            // The driver itself got no time; the arm went without commands for as long.
+            self.latch(
+                now,
+                Fault::StaleCommand {
+                    age_s: late.as_secs_f64(),
+                },
+            );
+        }
         if self.link.is_up() {
             self.move_on(now);
         }
@@ -297,6 +307,11 @@ impl Core {
             Event::Refused(sequence, refusal) => {
                 self.metrics.answer(false, Duration::ZERO);
                 self.refused(now, sequence, refusal);
+            }
+            Event::StopRefused => {
+                self.metrics.answer(false, Duration::ZERO);
+                // A new connection begins with a stop, and closing this one brakes `steer`.
+                self.drop_link(now, LinkError::Refused);
             }
             Event::Stopped(round_trip) => self.metrics.answer(true, round_trip),
             Event::Positions(positions, unfit) => {

@@ -39,6 +39,9 @@ pub enum LinkError {
         /// The system's words.
         detail: String,
     },
+    /// The controller refused the greeting or a stop.
+    #[error("the controller refused the greeting or a stop")]
+    Refused,
     /// Nothing came for too long.
     #[error("the controller fell silent")]
     Silent,

@@ -22,7 +22,9 @@ pub(super) enum Event {
     Greeted(Option<Unfit>),
     /// A point was accepted after this time.
     Accepted(Duration),
-    /// A point or stop was refused.
+    /// The greeting or a stop was refused.
+    StopRefused,
+    /// A point was refused.
     Refused(i32, Option<steer::Refusal>),
     /// The stop was accepted after this time.
     Stopped(Duration),
@@ -284,7 +286,7 @@ impl Session {
                 Ok(Some(if success {
                     Event::Stopped(now.since(asked.at))
                 } else {
-                    Event::Refused(reply.sequence, None)
+                    Event::StopRefused
                 }))
             }
             (Port::Motion, Dialect::Steer, Message::TrajAck(_)) if self.greeting.is_some() => {
@@ -325,10 +327,10 @@ impl Session {
             }
             _ => return Err(ProtocolError::Sequence { expected: 0, found }),
         };
-        Ok(Some(if success {
-            event
-        } else {
-            Event::Refused(found, None)
+        Ok(Some(match (success, found) {
+            (true, _) => event,
+            (false, 0) => Event::Refused(found, None),
+            (false, _) => Event::StopRefused,
         }))
     }
 

@@ -99,10 +99,21 @@ impl Core {
     }
 
     pub(super) fn check_status(&mut self, now: Stamp) {
-        if self.is_active()
-            && let Some(fault) = self.tracker.status.as_ref().and_then(status_fault)
-        {
+        let Some(fault) = self.tracker.status.as_ref().and_then(status_fault) else {
+            return;
+        };
+        if self.is_active() {
             self.latch(now, fault);
+        } else if let Mode::Faulted(
+            Fault::Refused {
+                refusal: Some(Refusal::State),
+                ..
+            }
+            | Fault::Disarmed(Some(Refusal::State)),
+        ) = self.mode
+        {
+            // The refusal overtook the feedback that tells why.
+            self.mode = Mode::Faulted(fault);
         }
     }
 

@@ -16,6 +16,10 @@ pub struct Knobs {
     pub mode: i32,
     /// Error number; not 0 means in error.
     pub error_code: i32,
+    /// The 2018 program aborts when it is to move without power, as it does on a motion error;
+    /// else it acknowledges and does not move. Which of the two is true is not known: the
+    /// second, which would go on by itself when power returns, is the harder one for a driver.
+    pub abort_without_power: bool,
     /// No feedback is sent.
     pub freeze_feedback: bool,
     /// No answers are sent.
@@ -45,6 +49,7 @@ impl Default for Knobs {
             powered: true,
             mode: 2,
             error_code: 0,
+            abort_without_power: false,
             freeze_feedback: false,
             freeze_answers: false,
             feedback_delay: Duration::ZERO,

@@ -59,8 +59,12 @@ impl Controller {
             .iter()
             .zip(target.iter())
             .all(|(limit, q)| (limit.lower..=limit.upper).contains(q));
-        if !reachable || !self.is_powered() {
+        let powered = self.is_powered();
+        if !reachable || !powered && self.knobs.abort_without_power {
             return self.abort();
+        }
+        if !powered {
+            return;
         }
         if self.has_room() {
             self.queue(Wait::Fast(target));

@@ -6,6 +6,8 @@ mod reject;
 
 pub use outcome::{Influence, RejectReason, Rejected, StereoCalibration, ViewFit};
 
+use core::fmt::Write as _;
+
 use hal::Transform;
 use nalgebra::{Isometry3, Point2, SMatrix};
 
@@ -122,7 +124,10 @@ pub enum CalibrationError {
 }
 
 fn listed(rejected: &[Rejected]) -> String {
-    rejected.iter().map(|r| format!("; {r}")).collect()
+    rejected.iter().fold(String::new(), |mut list, r| {
+        let _ = write!(list, "; {r}");
+        list
+    })
 }
 
 /// Calibrates both cameras and what lies between them.
@@ -191,7 +196,7 @@ pub fn calibrate_stereo(
             let dy = rectified_dy(&rig, used_pairs.iter().copied());
             return outcome::outcome(
                 board,
-                rig,
+                &rig,
                 &joint,
                 [&left, &right],
                 &used_pairs,

@@ -174,7 +174,7 @@ impl StereoCalibration {
 /// Collects the outcome; `None` if the covariance does not exist.
 pub(super) fn outcome(
     board: &Board,
-    rig: StereoRig,
+    rig: &StereoRig,
     joint: &Minimum<Joint<'_>, SHARED>,
     mono: [&Minimum<Monocular<'_>, INTRINSICS>; 2],
     pairs: &[&BoardPair],
@@ -238,7 +238,7 @@ pub(super) fn outcome(
         (m.cost / count(m.bundle.observed).max(1) as f64).sqrt()
     };
     Some(StereoCalibration {
-        rig,
+        rig: *rig,
         board: *board,
         covariance,
         corner_sigma_px: variance.sqrt(),
