@@ -5,9 +5,6 @@ mod arm_contract;
 mod arrows;
 mod calibration_truth;
 mod equations;
-mod tidy;
-<<<<<<< HEAD
 mod supervision;
-=======
+mod tidy;
 mod viper_contract;
->>>>>>> main
