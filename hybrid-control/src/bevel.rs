@@ -86,7 +86,8 @@ impl BevelModulator {
             let roomy = travel.positive >= first && travel.negative >= -first;
             self.remaining = if roomy { first } else { other_way(first) };
             if !travel.allows(self.remaining) {
-                self.remaining = wish.clamp(-travel.negative, travel.positive);
+                // Neither way is free: as far as it goes.
+                self.remaining = wish.max(-travel.negative).min(travel.positive);
             }
             self.turning = true;
         }

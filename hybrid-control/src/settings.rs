@@ -18,6 +18,8 @@ pub struct Limits {
     pub lateral_speed_mm_s: f64,
     /// Highest spin about the needle's axis \[deg/s\] (assumed).
     pub spin_speed_deg_s: f64,
+    /// Travel of the last joint that spinning leaves for tilting, on either side \[deg\].
+    pub roll_reserve_deg: f64,
     /// Largest tilt of the base away from the surface's normal \[deg\] (assumed).
     pub tilt_deg: f64,
     /// Largest offset of the base across the insertion axis \[mm\] (assumed).
@@ -34,6 +36,7 @@ impl Default for Limits {
             tilt_speed_deg_s: 3.0,
             lateral_speed_mm_s: 8.0,
             spin_speed_deg_s: 360.0,
+            roll_reserve_deg: 20.0,
             tilt_deg: 20.0,
             base_offset_mm: 40.0,
             entry_stretch_mm: 1.5,

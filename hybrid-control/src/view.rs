@@ -78,6 +78,15 @@ pub struct RollTravel {
 }
 
 impl RollTravel {
+    /// The travel with `reserve` \[rad\] kept on either side.
+    #[must_use]
+    pub fn within(&self, reserve: f64) -> Self {
+        Self {
+            positive: (self.positive - reserve).max(0.0),
+            negative: (self.negative - reserve).max(0.0),
+        }
+    }
+
     /// Whether a rotation by the signed `angle` \[rad\] stays inside the travel.
     pub fn allows(&self, angle: f64) -> bool {
         if angle >= 0.0 {

@@ -1,5 +1,8 @@
 //! Equilibrium, derivatives, insertion, estimation and roll-out of the needle model.
-#![expect(missing_docs, reason = "criterion's macros generate undocumented items")]
+#![expect(
+    missing_docs,
+    reason = "criterion's macros generate undocumented items"
+)]
 
 use std::hint::black_box;
 
@@ -7,7 +10,7 @@ use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use needle_model::{
     Bevel, Equilibrium, EstimationSettings, Estimator, Insertion, InsertionSettings, Needle,
-    PathLaw, Prediction, RestPoint, Spring, Tissue, TipLoad,
+    PathLaw, Prediction, RestPoint, Spring, TipLoad, Tissue,
 };
 
 const COUNTS: [usize; 5] = [10, 20, 40, 80, 160];
@@ -21,11 +24,17 @@ fn bent(count: usize) -> (Equilibrium, Vec<Spring>, TipLoad) {
     let springs: Vec<_> = (0..count)
         .map(|i| {
             let z = pitch * (i as f64 + 0.5);
-            Spring { rest: Vector3::new(0.3 * z * z, -0.7 * z * z, z), stiffness: 1e4 * pitch }
+            Spring {
+                rest: Vector3::new(0.3 * z * z, -0.7 * z * z, z),
+                stiffness: 1e4 * pitch,
+            }
         })
         .collect();
     let base = Isometry3::translation(0.0, 0.0, DEPTH - Needle::biopsy().length());
-    let load = TipLoad { force: -6e-3, bending: -2e-6 };
+    let load = TipLoad {
+        force: -6e-3,
+        bending: -2e-6,
+    };
     let mut needle = Equilibrium::new(Needle::biopsy(), base);
     if let Err(error) = needle.solve(&base, &springs, load) {
         unreachable!("{error}");
@@ -44,7 +53,11 @@ fn poses(from: &Isometry3<f64>) -> [Isometry3<f64>; 2] {
 
 fn equilibrium(c: &mut Criterion) {
     for jacobian in [false, true] {
-        let name = if jacobian { "equilibrium_and_jacobian" } else { "equilibrium" };
+        let name = if jacobian {
+            "equilibrium_and_jacobian"
+        } else {
+            "equilibrium"
+        };
         let mut group = c.benchmark_group(name);
         for count in COUNTS {
             let (mut needle, springs, load) = bent(count);
@@ -67,12 +80,19 @@ fn equilibrium(c: &mut Criterion) {
 fn insertion(c: &mut Criterion) {
     let needle = Needle::biopsy();
     let base = |depth: f64| Isometry3::translation(0.0, 0.0, depth - needle.length());
-    let settings = InsertionSettings { rest_point: RestPoint::CuttingEdge, ..Default::default() };
-    let start = Tissue::uniform(Vector3::zeros(), Vector3::z(), 1e4).ok().and_then(|tissue| {
-        let bevel = Bevel::plane_cut(24_f64.to_radians(), 0.7e-3).ok()?;
-        Insertion::new(needle, bevel, tissue, settings, &base(0.0)).ok()
-    });
-    let Some(start) = start else { unreachable!("a valid insertion") };
+    let settings = InsertionSettings {
+        rest_point: RestPoint::CuttingEdge,
+        ..Default::default()
+    };
+    let start = Tissue::uniform(Vector3::zeros(), Vector3::z(), 1e4)
+        .ok()
+        .and_then(|tissue| {
+            let bevel = Bevel::plane_cut(24_f64.to_radians(), 0.7e-3).ok()?;
+            Insertion::new(needle, bevel, tissue, settings, &base(0.0)).ok()
+        });
+    let Some(start) = start else {
+        unreachable!("a valid insertion")
+    };
     c.bench_function("insertion/80mm", |b| {
         b.iter(|| {
             let mut insertion = start.clone();
@@ -90,8 +110,13 @@ fn estimate(c: &mut Criterion) {
         .map(|i| needle.point(0.027 + 0.0025 * f64::from(i)) + Vector3::x() * 2e-4)
         .collect();
     let mut start = needle.clone();
-    let softer: Vec<_> =
-        springs.iter().map(|s| Spring { stiffness: s.stiffness * 0.8, ..*s }).collect();
+    let softer: Vec<_> = springs
+        .iter()
+        .map(|s| Spring {
+            stiffness: s.stiffness * 0.8,
+            ..*s
+        })
+        .collect();
     let base = *needle.world_from_base();
     let (Ok(_), Ok(mut estimator)) = (
         start.solve(&base, &softer, load),
@@ -106,13 +131,21 @@ fn estimate(c: &mut Criterion) {
 
 fn rollout(c: &mut Criterion) {
     let base = Isometry3::translation(0.0, 0.0, 0.01 - Needle::biopsy().length());
-    let law = PathLaw { axial_load: 0.4, tip_compliance: 0.035, ..PathLaw::default() };
+    let law = PathLaw {
+        axial_load: 0.4,
+        tip_compliance: 0.035,
+        ..PathLaw::default()
+    };
     let path = (0..=4).map(|i| Vector3::z() * (2.5e-3 * f64::from(i)));
-    let prediction = Tissue::uniform(Vector3::zeros(), Vector3::z(), 1e4).ok().and_then(|tissue| {
-        let frame = Isometry3::identity();
-        Prediction::new(&Needle::biopsy(), &tissue, law, &frame, &base, path).ok()
-    });
-    let Some(prediction) = prediction else { unreachable!("a valid prediction") };
+    let prediction = Tissue::uniform(Vector3::zeros(), Vector3::z(), 1e4)
+        .ok()
+        .and_then(|tissue| {
+            let frame = Isometry3::identity();
+            Prediction::new(&Needle::biopsy(), &tissue, law, &frame, &base, path).ok()
+        });
+    let Some(prediction) = prediction else {
+        unreachable!("a valid prediction")
+    };
     c.bench_function("rollout/80mm", |b| {
         b.iter(|| black_box(prediction.roll_out(0.09, 1.25e-3).ok()));
     });

@@ -94,8 +94,9 @@ impl Bevel {
         self.bottom_edge
     }
 
-    /// Force F_tip \[N\] and moment M_tip \[N m\] at O for the cut angle `beta` \[rad\] and the tissue
-    /// stiffness per length `k_t` \[N/m2\]: Eq. (3).
+    /// Force \[N\] and moment \[N m\] of the tissue on the bevel, at O: Eq. (3).
+    ///
+    /// `k_t`: stiffness of the tissue per length \[N/m2\]; `beta`: cut angle \[rad\].
     ///
     /// # Deviation
     /// `beta` is clamped to \[0, alpha\]: outside, one of the two triangular loads would pull.

@@ -121,7 +121,8 @@ fn invert(m: &Square, inverse: &mut Square) -> Result<(), Singular> {
         [cofactor(1, 0), cofactor(1, 1), cofactor(1, 2)],
         [cofactor(2, 0), cofactor(2, 1), cofactor(2, 2)],
     ];
-    let determinant = s[0][0] * cofactors[0][0] + s[0][1] * cofactors[0][1] + s[0][2] * cofactors[0][2];
+    let determinant =
+        s[0][0] * cofactors[0][0] + s[0][1] * cofactors[0][1] + s[0][2] * cofactors[0][2];
     let size = (s[0][0] * s[1][1] * s[2][2]).abs();
     if !(determinant.abs() > 1e-13 * size) || !determinant.is_finite() {
         return Err(Singular);
@@ -422,11 +423,18 @@ mod tests {
                 };
                 let solved: Vec<f64> = if transposed {
                     let mut rows: Vec<Block<1, WIDE>> = (0..n)
-                        .map(|i| [std::array::from_fn(|c| if c < NODE { r[NODE * i + c] } else { 0.0 })])
+                        .map(|i| {
+                            [std::array::from_fn(|c| {
+                                if c < NODE { r[NODE * i + c] } else { 0.0 }
+                            })]
+                        })
                         .collect();
                     let mut border = [std::array::from_fn(|c| r[NODE * n + c])];
                     banded.solve_transposed(&mut rows, &mut border);
-                    rows.iter().flat_map(|b| [b[0][0], b[0][1], b[0][2], b[0][3], b[0][4]]).chain(border[0]).collect()
+                    rows.iter()
+                        .flat_map(|b| [b[0][0], b[0][1], b[0][2], b[0][3], b[0][4]])
+                        .chain(border[0])
+                        .collect()
                 } else {
                     let mut rows: Vec<Block<NODE, 1>> = (0..n)
                         .map(|i| std::array::from_fn(|c| [r[NODE * i + c]]))

@@ -299,7 +299,11 @@ impl Equilibrium {
         let z = world_from_base * Vector3::z();
         // Better start values: the needle slides through its springs as the base advances.
         let advance = z.dot(&(world_from_base.translation.vector - self.nodes[0].p));
-        if let Some(first) = self.nodes.get_mut(1).filter(|first| first.l > 2.0 * advance) {
+        if let Some(first) = self
+            .nodes
+            .get_mut(1)
+            .filter(|first| first.l > 2.0 * advance)
+        {
             first.l -= advance;
             self.tip_length += advance;
             self.settle_tip();
@@ -391,6 +395,10 @@ impl Equilibrium {
     /// Factors the tangent at the present state, leaving minus the residual in `rhs`.
     ///
     /// `frozen` planes and lengths make the tangent that of the fixed-point step.
+    #[expect(
+        clippy::too_many_lines,
+        reason = "one pass over the nodes, in the equations' order"
+    )]
     pub(crate) fn linearize(&mut self, frozen: bool) -> Result<Block<2, 1>, Singular> {
         self.factored_within = 0.0;
         let n = self.springs.len();
@@ -413,7 +421,13 @@ impl Equilibrium {
         let mut roll = tip.roll - self.theta;
         for i in 1..=n {
             let piece = &mut self.pieces[i - 1];
-            piece.set(self.stiffness, &self.nodes[i - 1], &self.nodes[i], &z, i == 1);
+            piece.set(
+                self.stiffness,
+                &self.nodes[i - 1],
+                &self.nodes[i],
+                &z,
+                i == 1,
+            );
             if frozen {
                 piece.freeze();
             }
@@ -769,14 +783,14 @@ fn validate(
 
 /// The vector with coordinates far below any length made 0: in a plane needle the rounding noise
 /// across the plane shrinks with every step, down to slow subnormal numbers.
-#[inline(always)]
+#[inline]
 fn settled(v: &Vector3<f64>) -> Vector3<f64> {
     v.map(|x| if x.abs() < 1e-40 { 0.0 } else { x })
 }
 
 /// Block between equations of `row` and unknowns of `column` for coefficients times the identity:
 /// force by position, force by derivative, moment by position, moment by derivative.
-#[inline(always)]
+#[inline]
 fn coupling(row: &Node, column: &Node, pp: f64, pd: f64, dp: f64, dd: f64) -> Square {
     let mut m = [[0.0; WIDE]; 5];
     for r in 0..2 {
@@ -807,7 +821,7 @@ fn add(m: &mut Square, other: &Square) {
     }
 }
 
-#[inline(always)]
+#[inline]
 fn add_outer(m: &mut Square, rows: &[f64; 5], columns: &[f64; WIDE]) {
     for r in 0..5 {
         for c in 0..WIDE {

@@ -7,13 +7,13 @@
 use nalgebra::{Matrix3, Vector3};
 
 /// Smallest rotation from unit `z` to unit `t`, applied to a vector orthogonal to `z`.
-#[inline(always)]
+#[inline]
 pub(crate) fn carry(z: &Vector3<f64>, t: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     v - (z + t) * (t.dot(v) / (1.0 + z.dot(t)))
 }
 
 /// `y_tip` from the base axes and the tip axis, with the roll `theta`.
-#[inline(always)]
+#[inline]
 pub(crate) fn tip_y(
     z_base: &Vector3<f64>,
     y_base: &Vector3<f64>,
@@ -25,20 +25,20 @@ pub(crate) fn tip_y(
 }
 
 /// Row r with (rotation about t of the tip frame) = r . dt for a change dt of t, z and theta fixed.
-#[inline(always)]
+#[inline]
 pub(crate) fn spin_row(z: &Vector3<f64>, t: &Vector3<f64>) -> Vector3<f64> {
     -z.cross(t) / (1.0 + z.dot(t))
 }
 
 /// Change of `y_tip` by a change of t: d y = Q dt, z and theta fixed.
-#[inline(always)]
+#[inline]
 pub(crate) fn tip_y_by_axis(z: &Vector3<f64>, t: &Vector3<f64>, y: &Vector3<f64>) -> Matrix3<f64> {
     -t * y.transpose() + t.cross(y) * spin_row(z, t).transpose()
 }
 
 /// Roll of one quadrature point and its gradients: with tangent `d` and its derivative `v` along
 /// the segment, f = z . (d x v) / (|d| (|d| + z . d)). Returns (f, df/dd, df/dv, df/dz).
-#[inline(always)]
+#[inline]
 pub(crate) fn roll_rate(
     z: &Vector3<f64>,
     d: &Vector3<f64>,

@@ -45,16 +45,21 @@ pub struct InsertionSettings {
     pub chord: f64,
     /// Factor on the tip load of eq. (3); 1 in the paper.
     pub load_scale: f64,
+    /// Length after the entry over which the tip load grows to that of eq. (3) \[m\]; 0 in the paper.
+    /// At the surface the needle has no support yet: the full load would push it aside by
+    /// millimetres at once, by an amount that depends on the pitch.
+    pub onset: f64,
 }
 
 impl Default for InsertionSettings {
-    /// The paper's 2.5 mm; chord of 10 mm (assumed: the paper does not define the cut angle).
+    /// The paper's 2.5 mm; chord and onset of 10 mm (assumed: the paper defines neither).
     fn default() -> Self {
         Self {
             pitch: 2.5e-3,
             rest_point: RestPoint::Measured,
             chord: 10e-3,
             load_scale: 1.0,
+            onset: 10e-3,
         }
     }
 }
@@ -151,7 +156,8 @@ impl Law {
         // Withdrawn from the bottom of its hole, the bevel unloads over the length of its edge.
         let withdrawn = self.cut - needle.inserted_length();
         let contact = (1.0 - withdrawn / self.bevel.bottom_edge()).clamp(0.0, 1.0);
-        let scale = contact * self.settings.load_scale;
+        let grown = (needle.inserted_length() / self.settings.onset.max(1e-12)).clamp(0.0, 1.0);
+        let scale = contact * grown * self.settings.load_scale;
         let load = |beta: f64| TipLoad::from(self.bevel.load(k_t, beta)) * scale;
         if round == 1 {
             let h = 1e-4;
@@ -201,6 +207,8 @@ pub struct Insertion {
     hole: Vec<Spring>,
     /// Measured tip at the end of the last insertion step.
     measured: Option<Vector3<f64>>,
+    /// Springs and hole before the step, should it fail.
+    backup: (Vec<Spring>, Vec<Spring>),
 }
 
 /// What bounds a step.
@@ -228,12 +236,13 @@ impl Insertion {
                 return Err(InsertionError::Setting { name, value });
             }
         }
-        if !(settings.load_scale.is_finite() && settings.load_scale >= 0.0) {
-            let value = settings.load_scale;
-            return Err(InsertionError::Setting {
-                name: "load_scale",
-                value,
-            });
+        for (name, value) in [
+            ("load_scale", settings.load_scale),
+            ("onset", settings.onset),
+        ] {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(InsertionError::Setting { name, value });
+            }
         }
         if !finite(world_from_base) {
             return Err(InsertionError::BasePose);
@@ -261,6 +270,7 @@ impl Insertion {
             law,
             hole: Vec::with_capacity(64),
             measured: None,
+            backup: (Vec::with_capacity(64), Vec::with_capacity(64)),
         })
     }
 
@@ -302,10 +312,17 @@ impl Insertion {
             return Err(InsertionError::MeasuredTip);
         }
         let from = *self.needle.world_from_base();
+        self.backup.0.clone_from(&self.needle.springs);
+        self.backup.1.clone_from(&self.hole);
+        let law = &self.law;
+        let before = (law.entry_axis, law.offset, law.cut, law.beta);
         let result = self.walk(&from, target, measured, cutting);
         if result.is_err() {
-            self.needle.set_base(&from);
+            self.needle.springs.clone_from(&self.backup.0);
+            self.hole.clone_from(&self.backup.1);
             let law = &mut self.law;
+            (law.entry_axis, law.offset, law.cut, law.beta) = before;
+            self.needle.set_base(&from);
             self.needle
                 .restart(|needle, round| law.update(needle, round))?;
         }

@@ -23,8 +23,6 @@ pub(crate) struct Direction {
     /// Base displacement and rotation.
     pub shift: Vector3<f64>,
     pub turn: Vector3<f64>,
-    /// Relative change of all spring stiffnesses.
-    pub springs: f64,
     /// Change of the tip load.
     pub load: TipLoad,
 }
@@ -33,14 +31,14 @@ impl Direction {
     pub(crate) const REST: Self = Self {
         shift: Vector3::new(0.0, 0.0, 0.0),
         turn: Vector3::new(0.0, 0.0, 0.0),
-        springs: 0.0,
         load: TipLoad {
             force: 0.0,
             bending: 0.0,
         },
     };
 
-    /// The six base twists \[v; w\], then the relative stiffness of all springs, then `load`.
+    /// The six base twists \[v; w\], then none (the springs' stiffness, which touches every node, is
+    /// the caller's), then `load`.
     pub(crate) fn all(load: TipLoad) -> [Self; 8] {
         std::array::from_fn(|k| match k {
             0..3 => Self {
@@ -51,10 +49,7 @@ impl Direction {
                 turn: Vector3::ith(k - 3, 1.0),
                 ..Self::REST
             },
-            6 => Self {
-                springs: 1.0,
-                ..Self::REST
-            },
+            6 => Self::REST,
             _ => Self { load, ..Self::REST },
         })
     }
@@ -208,8 +203,9 @@ impl Equilibrium {
         self.tip_twist_of(&direction, &change)
     }
 
-    /// Jacobian from the twist of the base to the twist of the tip, both \[linear; angular\] of
-    /// their frame's origin and in World: Eq. (12).
+    /// Jacobian from the twist of the base to the twist of the tip: Eq. (12).
+    ///
+    /// Both \[linear; angular\] of their frame's origin and in World.
     ///
     /// Rest points, stiffnesses, the set of springs and the magnitude of the tip load are held; the
     /// load turns with the tip.

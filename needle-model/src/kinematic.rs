@@ -29,8 +29,9 @@ pub struct KinematicError {
     pub value: f64,
 }
 
-/// Effective curvature \[1/m\] for the natural curvature `natural` \[1/m\] and the duty cycle in
-/// \[0, 1\] (0: insertion only): Eq. (21).
+/// Effective curvature under duty cycling \[1/m\]: Eq. (21).
+///
+/// `natural`: natural curvature \[1/m\]; `duty_cycle` in \[0, 1\], 0 for insertion only.
 pub const fn effective_curvature(natural: f64, duty_cycle: f64) -> f64 {
     natural * (1.0 - duty_cycle)
 }

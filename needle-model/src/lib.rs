@@ -3,6 +3,11 @@
 //! Modules in reading order. Everything is in World, SI units and radians; twists are
 //! \[linear; angular\] of a frame's origin.
 
+#![expect(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "a negated comparison also refuses NaN"
+)]
+
 mod needle;
 
 mod bevel;
@@ -20,6 +25,8 @@ mod piece;
 mod block;
 
 mod equilibrium;
+
+mod balance;
 
 mod shape;
 
@@ -41,6 +48,7 @@ mod case;
 
 mod insertion;
 
+pub use balance::{Residuals, normal_force, shear_residual, tip_moment_residual};
 pub use bevel::{Bevel, BevelError, BevelLoad, cut_angle};
 pub use case::{Case, CaseError, CaseShape};
 pub use equilibrium::{Convergence, Equilibrium, EquilibriumError};

@@ -8,8 +8,10 @@ use crate::segment::Segment;
 use crate::sensitivity::{Gradient, LOAD, STIFFNESS, Sensitivities, TwistRates, VectorRates};
 use crate::spring::spring_force;
 
-/// Mean tissue displacement d_m \[m\] from each spring's supported length and stretch \[m\] and the
-/// inserted length \[m\] (0 when nothing is inserted): Eq. (16).
+/// Mean tissue displacement d_m \[m\]: Eq. (16).
+///
+/// From each spring's supported length and stretch and the `inserted` length \[m\]; 0 when nothing
+/// is inserted.
 pub fn mean_tissue_displacement(
     supported_and_stretch: impl Iterator<Item = (f64, f64)>,
     inserted: f64,

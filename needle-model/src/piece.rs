@@ -29,7 +29,7 @@ pub(crate) struct Node {
 
 impl Node {
     /// Unit normal, basis and `w` from `p`, `d` and the rest point; puts `p` into the plane.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn refresh(&mut self, z: &Vector3<f64>, x: &Vector3<f64>, rest: &Vector3<f64>) {
         let inverse = 1.0 / self.d.norm();
         self.n = self.d * inverse;
@@ -42,14 +42,14 @@ impl Node {
     }
 
     /// Gradient by the node's 5 unknowns from the gradients by p and d.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn reduce(&self, by_p: &Vector3<f64>, by_d: &Vector3<f64>) -> [f64; WIDE] {
         let d = by_d - self.w * self.n.dot(by_p);
         [self.e[0].dot(by_p), self.e[1].dot(by_p), d.x, d.y, d.z, 0.0]
     }
 
     /// The 5 equations of the node from a force at p and a moment-like term at d.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn project(&self, force: &Vector3<f64>, moment: &Vector3<f64>) -> [f64; 5] {
         [
             self.e[0].dot(force),
@@ -61,7 +61,7 @@ impl Node {
     }
 
     /// (dp, dd) of the node's 5 unknowns.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn expand(&self, x: &[f64; 5]) -> (Vector3<f64>, Vector3<f64>) {
         let d = Vector3::new(x[2], x[3], x[4]);
         (
@@ -100,14 +100,7 @@ pub(crate) struct Piece {
 
 impl Piece {
     /// The piece between the nodes, in place; `long` pieces take more quadrature points.
-    pub(crate) fn set(
-        &mut self,
-        stiffness: f64,
-        a: &Node,
-        b: &Node,
-        z: &Vector3<f64>,
-        long: bool,
-    ) {
+    pub(crate) fn set(&mut self, stiffness: f64, a: &Node, b: &Node, z: &Vector3<f64>, long: bool) {
         let rule: &[(f64, f64)] = if long { &GAUSS_7 } else { &GAUSS_3 };
         self.with_rule(stiffness, a, b, z, rule);
     }

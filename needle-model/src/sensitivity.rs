@@ -77,7 +77,7 @@ impl Sensitivities {
         let segment = needle.segment(i);
         let tangent = segment.derivative(l);
         if i == needle.springs.len() {
-            let (arm, by_load) = self.tip_terms(needle, l);
+            let (arm, by_load) = Self::tip_terms(needle, l);
             let rates = self.p[i]
                 + self.d[i] * l
                 + self.y * arm.0
@@ -100,11 +100,7 @@ impl Sensitivities {
 
     /// The tip segment is p + d l + lift y: (lift, turn, d lift / d length) at the coordinate l held,
     /// and the gradients of lift and turn by the load.
-    fn tip_terms(
-        &self,
-        needle: &Equilibrium,
-        l: f64,
-    ) -> ((f64, f64, f64, f64), (Gradient, Gradient)) {
+    fn tip_terms(needle: &Equilibrium, l: f64) -> ((f64, f64, f64, f64), (Gradient, Gradient)) {
         let (load, stiffness) = (needle.load, needle.stiffness);
         let (moment, force) = (needle.tip.moment / stiffness, load.force / stiffness);
         let lift = moment * l * l / 2.0 - force * l * l * l / 6.0;
@@ -126,7 +122,7 @@ impl Sensitivities {
         let segment = needle.segment(i);
         let tangent = segment.derivative(u * l) * l;
         if i == needle.springs.len() {
-            let (arm, by_load) = self.tip_terms(needle, u * l);
+            let (arm, by_load) = Self::tip_terms(needle, u * l);
             let rates = self.d[i] + self.y * arm.1 + needle.tip.y * (by_load.1 + self.l[i] * arm.3);
             return (tangent, rates * l);
         }

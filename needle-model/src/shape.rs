@@ -37,13 +37,13 @@ impl Equilibrium {
         let length = self.needle.length();
         let mut samples = Vec::new();
         if spacing > 0.0 {
-            // A sample within a nanometre of the tip is the tip.
-            let last = ((length - 1e-9) / spacing).floor().clamp(0.0, 1e6) as u32;
-            samples.extend(
-                (0..=last)
-                    .map(|i| f64::from(i) * spacing)
-                    .map(|s| (s, self.point(s))),
-            );
+            // A sample within a nanometre of the tip is the tip; a million are enough.
+            let last = ((length - 1e-9) / spacing).floor().min(1e6);
+            let mut i = 0.0;
+            while i <= last {
+                samples.push((i * spacing, self.point(i * spacing)));
+                i += 1.0;
+            }
         }
         samples.push((length, self.tip_position()));
         samples

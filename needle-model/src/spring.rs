@@ -11,8 +11,9 @@ pub struct Spring {
     pub stiffness: f64,
 }
 
-/// Force \[N\] of a spring of stiffness `k` \[N/m\] and rest point `p_0` on the needle at `p_n` \[m\]:
-/// Eq. (1).
+/// Force of a spring on the needle \[N\]: Eq. (1).
+///
+/// `k` \[N/m\], needle point `p_n` and rest point `p_0` \[m\].
 ///
 /// # Deviation
 /// The sign: the tissue pushes the needle back to the rest point, -K (p_n - p_0). Read literally,
@@ -21,8 +22,9 @@ pub fn spring_force(k: f64, p_n: &Vector3<f64>, p_0: &Vector3<f64>) -> Vector3<f
     -k * (p_n - p_0)
 }
 
-/// Stiffness \[N/m\] of a spring that supports the length `l` \[m\] of needle in tissue of stiffness
-/// per length `k_t` \[N/m2\]: Eq. (2).
+/// Stiffness of a spring \[N/m\]: Eq. (2).
+///
+/// `k_t`: stiffness of the tissue per length \[N/m2\]; `l`: length the spring supports \[m\].
 pub const fn spring_stiffness(k_t: f64, l: f64) -> f64 {
     k_t * l
 }

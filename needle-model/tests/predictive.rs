@@ -1,5 +1,11 @@
 //! The predictive model: steady cutting, zeros of authority, rates against differences.
 
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "counts of points from lengths"
+)]
+
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 use needle_model::{Needle, PathLaw, Prediction, Tissue};
 

@@ -1,8 +1,4 @@
 //! Speed of the plant.
-#![expect(
-    missing_docs,
-    reason = "criterion's macros generate undocumented items"
-)]
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use hal::{ShapeSensor, Stamp, Transform};

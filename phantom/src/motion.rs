@@ -49,11 +49,11 @@ impl Placement {
         }
     }
 
-    pub(crate) fn to_phantom(&self, material: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn phantom_of(&self, material: &Vector3<f64>) -> Vector3<f64> {
         self.deformation * material + self.shift
     }
 
-    pub(crate) fn to_material(&self, phantom: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn material_of(&self, phantom: &Vector3<f64>) -> Vector3<f64> {
         self.inverse * (phantom - self.shift)
     }
 }
@@ -61,6 +61,8 @@ impl Placement {
 impl MotionSettings {
     /// Whether the tissue moves at all.
     pub(crate) fn moves(&self) -> bool {
-        self.breathing_mm != 0.0 || self.rotation_deg_min != 0.0 || self.drift_mm_min != [0.0; 3]
+        self.breathing_mm != 0.0
+            || self.rotation_deg_min != 0.0
+            || self.drift_mm_min.iter().any(|x| *x != 0.0)
     }
 }

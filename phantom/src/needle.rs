@@ -139,7 +139,7 @@ impl RodPlant {
     /// tissue is at rest \[m\]: a marker. The needle's push on it is not modelled (the bed is
     /// local: a point off the shaft does not feel it).
     pub fn marker(&self, material: &Vector3<f64>) -> Vector3<f64> {
-        (self.world_from_phantom * nalgebra::Point3::from(self.placement.to_phantom(material)))
+        (self.world_from_phantom * nalgebra::Point3::from(self.placement.phantom_of(material)))
             .coords
     }
 
@@ -252,7 +252,7 @@ impl RodPlant {
             .is_some_and(|p| self.contact.edge.arc >= p.length() - CUTTING_TRAVEL);
         if at_end && self.cutting > 0.0 {
             let (edge, direction) = self.edge();
-            let depth = self.placement.to_material(&edge).z;
+            let depth = self.placement.material_of(&edge).z;
             let force = self.tissue.cutting_force(depth) * self.cutting / CUTTING_TRAVEL;
             if let Some(last) = self.fixed.last_mut() {
                 *last -= direction * force;
@@ -289,7 +289,7 @@ impl RodPlant {
         let Some(path) = &mut self.path else {
             return;
         };
-        let depth = self.placement.to_material(&path.end()).z + 0.5 * advance;
+        let depth = self.placement.material_of(&path.end()).z + 0.5 * advance;
         let tissue = &self.tissue;
         let mut turn = bevel * tissue.cut_angle(depth) + across(tissue.direction_noise(depth));
         turn -= across(force_middle) * tissue.compliance;
@@ -340,7 +340,7 @@ impl RodPlant {
     /// Extends the path to where the cutting edge went, or begins or leaves it.
     fn cut(&mut self, advance: f64) {
         let (edge, direction) = self.edge();
-        let material = self.placement.to_material(&edge);
+        let material = self.placement.material_of(&edge);
         match &mut self.path {
             Some(path) => {
                 let ahead = self.contact.edge.arc - path.length();

@@ -66,7 +66,7 @@ impl CutPath {
     ) -> Self {
         Self {
             stations: vec![Station {
-                rest: placement.to_material(&entry),
+                rest: placement.material_of(&entry),
                 crept: Vector3::zeros(),
                 stiffness,
             }],
@@ -107,7 +107,7 @@ impl CutPath {
         let last = self.points.len() - 1;
         let end = self.points[last] + advance * self.heading();
         let station = Station {
-            rest: placement.to_material(&end),
+            rest: placement.material_of(&end),
             crept: Vector3::zeros(),
             stiffness,
         };
@@ -130,7 +130,7 @@ impl CutPath {
     /// Moves the path with the tissue.
     pub(crate) fn place(&mut self, placement: &Placement) {
         for (point, station) in self.points.iter_mut().zip(&self.stations) {
-            *point = placement.to_phantom(&station.rest);
+            *point = placement.phantom_of(&station.rest);
         }
         self.measure();
     }
@@ -230,7 +230,7 @@ impl CutPath {
             if size > tear {
                 let shift = u * (1.0 - tear / size);
                 self.points[i] += shift;
-                station.rest = placement.to_material(&self.points[i]);
+                station.rest = placement.material_of(&self.points[i]);
                 if worst.is_none_or(|(_, w)| w < size - tear) {
                     worst = Some((self.arcs[i], size - tear));
                 }

@@ -1,8 +1,4 @@
 //! `driver/cycle`: one period of the driver at work: command, limits, point, answer, feedback.
-#![expect(
-    missing_docs,
-    reason = "criterion's macros generate undocumented items"
-)]
 
 use std::time::Duration;
 

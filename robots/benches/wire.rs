@@ -1,8 +1,4 @@
 //! `wire/encode_decode`: a point and a feedback frame, written and read.
-#![expect(
-    missing_docs,
-    reason = "criterion's macros generate undocumented items"
-)]
 
 use std::hint::black_box;
 

@@ -21,6 +21,12 @@ impl<L: Law> Law for Guarded<L> {
         if !view.is_finite() {
             return Decision::hold();
         }
+        // Tilting moves the last joint too: the law may not spend the whole travel on spin.
+        let reserve = view.limits.roll_reserve_deg.to_radians();
+        let view = &View {
+            roll_travel: view.roll_travel.within(reserve),
+            ..*view
+        };
         let mut decision = self.0.decide(view);
         if !decision.twist.is_finite() {
             return Decision::hold();

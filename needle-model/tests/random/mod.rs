@@ -6,16 +6,16 @@ use proptest::prelude::*;
 
 /// What an equilibrium is made of.
 #[derive(Debug, Clone)]
-pub struct State {
-    pub needle: Needle,
-    pub base: Isometry3<f64>,
-    pub springs: Vec<Spring>,
-    pub load: TipLoad,
+pub(crate) struct State {
+    pub(crate) needle: Needle,
+    pub(crate) base: Isometry3<f64>,
+    pub(crate) springs: Vec<Spring>,
+    pub(crate) load: TipLoad,
 }
 
 /// A needle that has cut a curved, twisted path from a surface somewhere, the base since moved
 /// sideways by up to 6 mm, tilted by up to 6 degrees, turned and retracted.
-pub fn state() -> impl Strategy<Value = State> {
+pub(crate) fn state() -> impl Strategy<Value = State> {
     let path = (0_usize..=24, -3.0..3.0, -3.0..3.0, -2.0..2.0);
     let base = (-6e-3..6e-3, -6e-3..6e-3, -0.1..0.1, -0.1..0.1, -3.0..3.0);
     let world = (-3.0..3.0, -1.5..1.5, -3.0..3.0);

@@ -11,7 +11,8 @@ impl CameraSettings {
         Self::default()
     }
 
-    /// The flaws of a careful laboratory. All assumed; corners at 0.1 px per axis are what a sub-pixel refinement reaches on sharp boards.
+    /// The flaws of a careful laboratory. All assumed; corners at 0.1 px per axis are what a
+    /// sub-pixel refinement reaches on sharp boards.
     pub fn paper() -> Self {
         Self {
             principal_offset_px: [[6.3, -4.1], [-5.2, 3.7]],

@@ -156,7 +156,7 @@ impl Settings {
             within("motion.breathing_direction", x, -1e3, 1e3)?;
         }
         holds(
-            m.breathing_mm == 0.0 || m.breathing_direction != [0.0; 3],
+            m.breathing_mm == 0.0 || m.breathing_direction.iter().any(|x| *x != 0.0),
             "motion.breathing_direction",
             "must not be zero while breathing_mm is not",
         )?;

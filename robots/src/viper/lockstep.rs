@@ -135,9 +135,9 @@ impl Lockstep {
         if let Wire::Memory(cable) = &mut self.wire {
             cable.cut = true;
         }
-        Port::ALL
-            .iter()
-            .for_each(|port| self.emulator.disconnect(*port));
+        for port in Port::ALL {
+            self.emulator.disconnect(port);
+        }
     }
 
     /// Cuts the cable, or mends it: bytes vanish, nobody is told.
@@ -147,9 +147,9 @@ impl Lockstep {
             let wanted = self.shared.core().wanted();
             if !cut && cable.generation != wanted {
                 // The controller's first byte to the connection of old is answered by a reset.
-                Port::ALL
-                    .iter()
-                    .for_each(|port| self.emulator.disconnect(*port));
+                for port in Port::ALL {
+                    self.emulator.disconnect(port);
+                }
                 cable.generation = None;
             }
         }
@@ -222,7 +222,9 @@ impl Cable {
             return;
         }
         if self.generation.take().is_some() {
-            Port::ALL.iter().for_each(|port| emulator.disconnect(*port));
+            for port in Port::ALL {
+                emulator.disconnect(port);
+            }
         }
         let Some(generation) = wanted else { return };
         if self.refuse {

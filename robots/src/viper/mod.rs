@@ -1,5 +1,5 @@
-//! The Adept Viper S650 behind a socket: [driver](driver), [frames](wire) and an
-//! [emulator](emulator) of its controller.
+//! The Adept Viper S650 behind a socket: [driver], [frames](wire) and an
+//! [emulator] of its controller.
 //!
 //! The driver's decisions are a state machine without I/O or clock ([`driver::Core`]); [`tcp`]
 //! joins it to sockets and a wall clock, [`lockstep`] to an emulator and a virtual clock.

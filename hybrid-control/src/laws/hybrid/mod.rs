@@ -5,7 +5,7 @@ mod plan;
 
 use core::time::Duration;
 
-use hal::telemetry::{Limit, SteeringMode};
+use hal::telemetry::SteeringMode;
 use hal::{Stamp, Twist};
 use nalgebra::{Vector2, Vector3};
 
@@ -16,6 +16,10 @@ use crate::tasks::target_velocity;
 use crate::view::{Decision, Law, View, blank_report};
 use plan::Plan;
 pub use plan::PlanSummary;
+
+/// Travel that turns of the bevel leave unused on either side, beyond the guard's \[rad\]: with
+/// it they stay inside three quarters of a turn of an arm with one turn to either side.
+const TURN_RESERVE: f64 = 1.2;
 
 pub(super) struct Hybrid {
     settings: HybridSettings,
@@ -98,7 +102,7 @@ impl Law for Hybrid {
             &self.plan.curvature,
             azimuth,
             advanced,
-            &view.roll_travel,
+            &view.roll_travel.within(TURN_RESERVE),
             spin_max,
             view.dt,
         );
@@ -131,9 +135,6 @@ impl Law for Hybrid {
         report.base_authority = self.rollout.pivot;
         report.bevel_authority = self.rollout.bevel;
         self.plan.report_limits(&mut report.limits);
-        if !view.roll_travel.allows(0.1) || !view.roll_travel.allows(-0.1) {
-            report.limits.push(Limit::RemainingTurns);
-        }
         Decision {
             twist: Twist {
                 linear: base.linear + screw.linear,

@@ -7,6 +7,7 @@ use crate::viper::wire::{ByteOrder, steer};
 /// Faults and flaws of the emulated controller; all off by default. They act from the moment
 /// they are set.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of its own")]
 pub struct Knobs {
     /// Emergency stop pressed. Releasing it gives no power back.
     pub e_stop: bool,

@@ -115,6 +115,7 @@ fn trapezoid(t: f64, whole: f64, ramp: f64) -> (f64, f64) {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_cmp, reason = "standstill is exactly zero")]
 mod tests {
     use super::*;
     use crate::viper::viper_limits;

@@ -83,7 +83,9 @@ impl Server {
                 });
                 // Dropping the runtime closes all connections.
                 drop(runtime);
-                Port::ALL.iter().for_each(|port| emulator.disconnect(*port));
+                for port in Port::ALL {
+                    emulator.disconnect(port);
+                }
             })?;
         let [motion, state] = addresses;
         Ok(Self {

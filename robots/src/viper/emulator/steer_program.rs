@@ -18,6 +18,9 @@ const START_TOLERANCE: f64 = 0.01;
 /// Segments may be this much faster than the limits: rounding of the wire over a short time.
 const SPEED_ROUNDING: f64 = 1.05;
 
+/// Bytes that are no frame of this dialect.
+struct NotOurs;
+
 /// State of the program.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Steering {
@@ -53,37 +56,31 @@ impl Controller {
     }
 
     fn next_frame(&mut self) -> Option<Frame> {
-        let (_, frame) = self.peek_frame(0)?;
-        match frame {
-            Ok((frame, size)) => {
-                self.unread.drain(..size);
-                Some(frame)
-            }
-            Err(()) => {
-                self.reject();
-                None
-            }
+        if let Ok((frame, size)) = self.peek_frame(0)? {
+            self.unread.drain(..size);
+            return Some(frame);
         }
+        self.reject();
+        None
     }
 
     /// The frame that begins at `offset` of the unread bytes, with its size; `None` if it is not
     /// complete.
-    #[expect(clippy::type_complexity, reason = "used twice, here")]
-    fn peek_frame(&mut self, offset: usize) -> Option<(usize, Result<(Frame, usize), ()>)> {
+    fn peek_frame(&mut self, offset: usize) -> Option<Result<(Frame, usize), NotOurs>> {
         let bytes = self.unread.make_contiguous().get(offset..)?;
         let length = ByteOrder::Big.integer(*bytes.first_chunk()?);
         let size = usize::try_from(length).map_or(0, |length| length.saturating_add(4));
         if !(HEADER..=MAX_FRAME).contains(&size) {
-            return Some((offset, Err(())));
+            return Some(Err(NotOurs));
         }
         let frame = bytes.get(4..size)?;
         let frame = Frame::decode(frame, ByteOrder::Big).map(|frame| (frame, size));
-        Some((offset, frame.map_err(|_| ())))
+        Some(frame.map_err(|_| NotOurs))
     }
 
     fn read_stop_ahead(&mut self) {
         let mut offset = 0;
-        while let Some((_, Ok((frame, size)))) = self.peek_frame(offset) {
+        while let Some(Ok((frame, size))) = self.peek_frame(offset) {
             if let Message::Stop(stop) = frame.message {
                 self.unread.drain(..offset + size);
                 self.take_stop(stop);

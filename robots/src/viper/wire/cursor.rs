@@ -55,12 +55,16 @@ pub trait Codec {
 
     /// A row of integers.
     fn i32s(&mut self, values: &mut [i32]) {
-        values.iter_mut().for_each(|value| self.i32(value));
+        for value in values {
+            self.i32(value);
+        }
     }
 
     /// A row of reals.
     fn f32s(&mut self, values: &mut [f32]) {
-        values.iter_mut().for_each(|value| self.f32(value));
+        for value in values {
+            self.f32(value);
+        }
     }
 }
 
