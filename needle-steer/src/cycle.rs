@@ -17,6 +17,7 @@ use robots::kinematics::{Chain, RateSettings, TurnBudget};
 use crate::config::Config;
 use crate::odometry::Odometry;
 use crate::springs::{self, SpringsError, SpringsModel};
+use crate::withdrawal::Withdrawal;
 
 /// Poses kept: more than a second at any arm's rate.
 const ODOMETRY: usize = 256;
@@ -71,11 +72,13 @@ pub struct Cycle {
     insertion_speed: f64,
     entry: Entry,
     odometry: Odometry,
+    withdrawal: Withdrawal,
     estimator: Estimator,
     springs: SpringsModel,
     straight: Box<dyn Law>,
     law: Box<dyn Law>,
     target: Option<Position<LeftCamera>>,
+    withdrawn: bool,
     shaft: Vec<(Point3<f64>, f64)>,
     telemetry: Telemetry,
 }
@@ -88,7 +91,10 @@ impl Cycle {
     pub fn new(config: &Config, bearings: Bearings, state: &ArmState) -> Result<Self, CycleError> {
         let world_from_base = base_pose(&bearings, state);
         let inward = config.inward();
-        let entry = Entry { point: entry_point(config, &world_from_base), inward };
+        let entry = Entry {
+            point: entry_point(config, &world_from_base),
+            inward,
+        };
         let needle = springs::needle(config).map_err(SpringsError::Needle)?;
         let start = Start {
             length: needle.length(),
@@ -104,11 +110,13 @@ impl Cycle {
             insertion_speed: config.run.insertion_speed_mm_s * 1e-3,
             entry,
             odometry: Odometry::new(ODOMETRY),
+            withdrawal: Withdrawal::default(),
             estimator,
             springs: SpringsModel::new(config, &world_from_base)?,
             straight: law_by_name("none", &config.law)?,
             law: law_by_name(&config.run.law, &config.law)?,
             target: None,
+            withdrawn: false,
             shaft: Vec::with_capacity(128),
             telemetry: first_telemetry(state, &world_from_base, &tip.world_from_tip),
             bearings,
@@ -142,21 +150,24 @@ impl Cycle {
 
     /// One step; the answer's `joint_rates` are the command.
     pub fn step(&mut self, snapshot: &Snapshot<'_>) -> &Telemetry {
-        let base = self.base(snapshot.arm);
+        let base = self.base(snapshot);
         let measured = snapshot.shape.map(|shape| self.measure(shape));
         let tip = self.estimator.predict(snapshot.now, &base);
         let springs = self.model(&base, &tip);
         let target = self.target_in_world(&tip);
-        let decision = self.decide(snapshot, &base, &tip, springs, target);
+        let decision = self.decide(snapshot, &base, &tip, springs.as_ref(), target);
         let rates = self.joint_rates(snapshot.arm, &decision.twist);
         self.report(snapshot, &base, &tip, target, measured, decision, rates);
         &self.telemetry
     }
 
     /// Base pose from the encoders, kept for the measurements to come.
-    fn base(&mut self, arm: &ArmState) -> Isometry3<f64> {
-        let base = base_pose(&self.bearings, arm);
-        self.odometry.push(arm.stamp, base);
+    fn base(&mut self, snapshot: &Snapshot<'_>) -> Isometry3<f64> {
+        let base = base_pose(&self.bearings, snapshot.arm);
+        self.odometry.push(snapshot.arm.stamp, base);
+        if matches!(snapshot.phase, Phase::PreInsertion | Phase::Steering) {
+            self.withdrawal.note(&base);
+        }
         base
     }
 
@@ -165,7 +176,10 @@ impl Cycle {
         let world_from_camera = &self.bearings.world_from_left_camera;
         self.shaft.clear();
         self.shaft.extend(
-            shape.points.iter().map(|p| (*(*world_from_camera * p.position).point(), p.sigma)),
+            shape
+                .points
+                .iter()
+                .map(|p| (*(*world_from_camera * p.position).point(), p.sigma)),
         );
         if let Some(world_from_base) = self.odometry.at(shape.stamp) {
             let variance = shape.tip.covariance.trace() / 3.0;
@@ -189,7 +203,10 @@ impl Cycle {
 
     /// Springs model at the present base, its springs born at the filtered tip.
     fn model(&mut self, base: &Isometry3<f64>, tip: &Tip) -> Option<Springs> {
-        let measured = tip.age.is_finite().then(|| tip.world_from_tip.translation.vector);
+        let measured = tip
+            .age
+            .is_finite()
+            .then_some(tip.world_from_tip.translation.vector);
         let (stiffness, sigma) = self.estimator.stiffness();
         self.telemetry.model.stiffness = stiffness;
         self.telemetry.model.stiffness_sigma = sigma;
@@ -204,7 +221,10 @@ impl Cycle {
             // None set yet: far ahead on the tip axis.
             None => Point3::from(tip.world_from_tip.translation.vector + tip.axis()),
         };
-        Target { position, velocity: Vector3::zeros() }
+        Target {
+            position,
+            velocity: Vector3::zeros(),
+        }
     }
 
     fn decide(
@@ -212,7 +232,7 @@ impl Cycle {
         snapshot: &Snapshot<'_>,
         base: &Isometry3<f64>,
         tip: &Tip,
-        springs: Option<Springs>,
+        springs: Option<&Springs>,
         target: Target,
     ) -> Decision {
         let view = View {
@@ -223,7 +243,7 @@ impl Cycle {
             entry: self.entry,
             depth: self.estimator.depth().max(0.0),
             world_from_base: *base,
-            springs,
+            springs: springs.copied(),
             estimator: &self.estimator,
             roll_travel: self.roll_travel(snapshot.arm),
             limits: &self.limits,
@@ -232,18 +252,50 @@ impl Cycle {
         match snapshot.phase {
             Phase::PreInsertion => self.straight.decide(&view),
             Phase::Steering => self.law.decide(&view),
+            Phase::Retracting => self.retract(base),
             _ => Decision::hold(),
         }
+    }
+
+    /// Back along the way the base came; holds at its start.
+    fn retract(&mut self, base: &Isometry3<f64>) -> Decision {
+        let spin = self.limits.spin_speed_deg_s.to_radians();
+        let mut decision = Decision::hold();
+        match self.withdrawal.twist(base, self.insertion_speed, spin) {
+            Some(twist) => {
+                decision.twist = twist;
+                decision.report.mode = SteeringMode::Straight;
+            }
+            None => self.withdrawn = true,
+        }
+        decision
+    }
+
+    /// Whether a retraction has arrived where the insertion began.
+    pub const fn is_withdrawn(&self) -> bool {
+        self.withdrawn
+    }
+
+    /// Prepares the law for steering again after a pause or a retraction.
+    pub fn resume(&mut self) {
+        self.law.reset();
+        self.withdrawn = false;
     }
 
     /// Travel of the last joint, in the senses of the needle's z.
     fn roll_travel(&self, arm: &ArmState) -> RollTravel {
         let (Some(q), Some(limit)) = (arm.positions.last(), self.bearings.chain.limits().last())
         else {
-            return RollTravel { positive: 0.0, negative: 0.0 };
+            return RollTravel {
+                positive: 0.0,
+                negative: 0.0,
+            };
         };
         let left = TurnBudget::new(limit, TURN_MARGIN).remaining(*q);
-        RollTravel { positive: left.positive, negative: left.negative }
+        RollTravel {
+            positive: left.positive,
+            negative: left.negative,
+        }
     }
 
     fn joint_rates(&self, arm: &ArmState, twist: &Twist) -> robots::kinematics::TwistRates {
@@ -252,7 +304,9 @@ impl Cycle {
             linear: arm_base_from_world.rotate(&twist.linear),
             angular: arm_base_from_world.rotate(&twist.angular),
         };
-        self.bearings.chain.rates(&arm.positions, &in_arm_base, &self.rates)
+        self.bearings
+            .chain
+            .rates(&arm.positions, &in_arm_base, &self.rates)
     }
 
     #[expect(clippy::too_many_arguments, reason = "one for each stage of the step")]
@@ -281,11 +335,11 @@ impl Cycle {
         } else if t.tracking == Tracking::Tracked {
             t.tracking = Tracking::Predicted;
         }
-        if let Some(target) = self.target {
-            t.target = target;
+        if let Some(given) = self.target {
+            t.target = given;
+            t.lateral_error = lateral_error(&tip.world_from_tip, &target.position);
+            t.axial_distance = target_ahead(&tip.world_from_tip, &target.position);
         }
-        t.lateral_error = lateral_error(&tip.world_from_tip, &target.position);
-        t.axial_distance = target_ahead(&tip.world_from_tip, &target.position);
         t.depth = self.estimator.depth().max(0.0);
         t.law = decision.report;
         t.law.limits.extend(rates.limits);
@@ -342,7 +396,10 @@ fn first_telemetry(
         lateral_error: f64::NAN,
         axial_distance: f64::NAN,
         depth: 0.0,
-        law: hal::telemetry::LawReport { mode: SteeringMode::Hold, ..Default::default() },
+        law: hal::telemetry::LawReport {
+            mode: SteeringMode::Hold,
+            ..Default::default()
+        },
         model: ModelReport::default(),
         truth: None,
     }

@@ -10,13 +10,16 @@
 pub mod cycle;
 pub mod springs;
 pub mod odometry;
+pub mod withdrawal;
 pub mod run;
+pub mod controls;
 pub mod rig;
 pub mod world;
 pub mod clock;
 pub mod supervisor;
 pub mod config;
 pub mod outcome;
+pub mod journal;
 pub mod series;
 pub mod statistics;
 pub mod plot;

@@ -13,6 +13,8 @@ pub enum Ended {
     Unreachable(f64),
     /// The supervisor stopped the run.
     Stopped(StopReason),
+    /// The needle was withdrawn to its start on request.
+    Retracted,
     /// The user stopped the run.
     Interrupted,
     /// The longest duration passed.
@@ -36,6 +38,7 @@ impl std::fmt::Display for Ended {
                 write!(f, "target out of reach by {:.1} mm", shortfall * 1e3)
             }
             Self::Stopped(reason) => write!(f, "stopped: {reason}"),
+            Self::Retracted => f.write_str("retracted"),
             Self::Interrupted => f.write_str("interrupted"),
             Self::TimedOut => f.write_str("timed out"),
             Self::DryRun => f.write_str("dry run"),

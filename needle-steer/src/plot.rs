@@ -16,6 +16,9 @@ pub struct PlotError {
     pub message: String,
 }
 
+/// Points of a curve, about; more cannot be seen.
+const POINTS: usize = 500;
+
 struct Curve<'a> {
     label: &'a str,
     colour: RGBColor,
@@ -40,11 +43,13 @@ fn draw(rows: &[Row], title: &str, file: &Path) -> Result<(), Box<dyn std::error
     let root = root.titled(title, ("sans-serif", 20))?;
     let panels = root.split_evenly((2, 2));
     let start = rows.first().map_or(0.0, |row| row.t_s);
+    let stride = (rows.len() / POINTS).max(1);
     let curve = |label, colour, value: fn(&Row) -> f64| Curve {
         label,
         colour,
         points: rows
             .iter()
+            .step_by(stride)
             .map(|row| (row.t_s - start, value(row)))
             .filter(|(_, y)| y.is_finite())
             .collect(),

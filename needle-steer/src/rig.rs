@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use hal::frame::{ArmBase, LeftCamera, World};
-use hal::guarded::{Guard, LimiterError, Guarded, Limiter, SpeedCaps};
+use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::{Arm, Clock, Recorded, ShapeSensor, Transform};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
@@ -74,6 +74,8 @@ pub struct Rig {
     pub bearings: Bearings,
     /// The simulated world, where there is one.
     pub world: Option<SimulatedWorld>,
+    /// The simulated arm, where there is one, for faults.
+    pub simulated_arm: Option<SimulatedArm>,
 }
 
 impl Rig {
@@ -88,13 +90,19 @@ impl Rig {
         let in_arm_base = world_from_arm_base.isometry().inverse() * start;
         let joints = start_joints(&chain, &in_arm_base).ok_or_else(|| {
             let p = start.translation.vector * 1e3;
-            RigBuildError::StartUnreachable { position_mm: [p.x, p.y, p.z] }
+            RigBuildError::StartUnreachable {
+                position_mm: [p.x, p.y, p.z],
+            }
         })?;
 
-        let settings = phantom::Settings::preset(&config.run.phantom)?
-            .overridden(config.phantom.clone())?;
+        let settings =
+            phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
         let world_from_entry = config.world_from_entry();
-        let cameras = StereoRig::new(&CameraSettings::default(), &world_from_entry, config.run.seed)?;
+        let cameras = StereoRig::new(
+            &CameraSettings::default(),
+            &world_from_entry,
+            config.run.seed,
+        )?;
         let left_from_world = cameras.truth().left_from_world;
         let bench = Bench::new(
             &settings,
@@ -109,15 +117,16 @@ impl Rig {
         let arm = SimulatedArm::new(&chain, &joints, SimSettings::default())?;
         let driver: Box<dyn Arm> = Box::new(arm.driver());
         let period = driver.description().period;
-        let world =
-            SimulatedWorld::new(Box::new(arm), chain.clone(), world_from_arm_base, bench);
+        let world = SimulatedWorld::new(
+            Box::new(arm.clone()),
+            chain.clone(),
+            world_from_arm_base,
+            bench,
+        );
         let moved = world.clone();
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
-        let guard = Guard::new(limiter).with_tool(
-            Box::new(chain.clone()),
-            None,
-            SpeedCaps::INSERTING,
-        );
+        let guard =
+            Guard::new(limiter).with_tool(Box::new(chain.clone()), None, SpeedCaps::INSERTING);
         Ok(Self {
             clock: Box::new(LockstepClock::new(TICK, move |now| moved.advance_to(now))),
             arm: Recorded::new(Guarded::new(driver, guard)?, EVENTS),
@@ -128,6 +137,7 @@ impl Rig {
                 world_from_left_camera: left_from_world.inverse(),
             },
             world: Some(world),
+            simulated_arm: Some(arm),
         })
     }
 
@@ -139,7 +149,9 @@ impl Rig {
 
 impl core::fmt::Debug for Rig {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("Rig").field("bearings", &self.bearings).finish_non_exhaustive()
+        f.debug_struct("Rig")
+            .field("bearings", &self.bearings)
+            .finish_non_exhaustive()
     }
 }
 
@@ -171,14 +183,18 @@ fn arm_place(config: &Config) -> Transform<World, ArmBase> {
     ))
 }
 
-/// The branch farthest from singularities, its last joint turned least, so that the needle can
-/// spin in both senses.
+/// The branch with most room: far from singularities and from the ends of the joints, its last
+/// joint turned least, so that the needle can spin in both senses.
 fn start_joints(chain: &Chain, base_from_tip: &Isometry3<f64>) -> Option<hal::Joints> {
     /// Reach over which the Jacobian's rows are compared \[m\].
     const LENGTH: f64 = 0.1;
+    /// Room beyond which more is no better \[rad\].
+    const ENOUGH: f64 = 1.0;
     let merit = |q: &hal::Joints| {
+        let room = |(q, limit): (&f64, &hal::JointLimit)| (q - limit.lower).min(limit.upper - q);
+        let least = q.iter().zip(chain.limits()).map(room).fold(ENOUGH, f64::min);
         let turned = q.last().map_or(0.0, |last| last.abs());
-        chain.dexterity(q, LENGTH) - 0.1 * turned
+        chain.dexterity(q, LENGTH) + least - 0.1 * turned
     };
     chain
         .inverse(base_from_tip, Turns::One)

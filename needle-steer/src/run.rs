@@ -1,17 +1,17 @@
 //! The run loop: the only code that moves an arm. Every way out of it stops the arm.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
 
 use crate::config::{Config, TargetKind};
+use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
 use crate::rig::{Rig, RigBuildError};
-use crate::supervisor::{Bounds, Supervisor, Verdict};
-use crate::world::{in_stereo_frame, place_target};
+use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
+use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 
 /// Longest wait for a law step when no image comes \[s\]: then the law runs on prediction.
@@ -72,17 +72,19 @@ pub fn run(
     config: &Config,
     rig: &mut Rig,
     observer: &mut dyn Observer,
-    interrupt: &AtomicBool,
+    controls: &Controls,
 ) -> Result<Summary, RunError> {
     let state = rig.arm.state()?;
     let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
     let mut insertion = Insertion::new(config, rig, cycle, &state);
-    insertion.check_target(config)?;
+    if config.run.check_reach {
+        insertion.check_target(config)?;
+    }
     if config.run.dry_run {
         return Ok(insertion.summary(config, Ended::DryRun));
     }
     insertion.rig.arm.enable()?;
-    let ended = insertion.advance(config, observer, interrupt);
+    let ended = insertion.advance(config, observer, controls);
     let stopped = insertion.come_to_rest();
     let ended = ended?;
     stopped?;
@@ -96,7 +98,8 @@ struct Insertion<'a> {
     supervisor: Supervisor,
     reach: ReachMonitor,
     phase: Phase,
-    pre_insertion: f64,
+    before_pause: Phase,
+    straight: f64,
     start: nalgebra::Isometry3<f64>,
     steering_since: Option<Stamp>,
     sequence: u64,
@@ -107,14 +110,17 @@ struct Insertion<'a> {
 impl<'a> Insertion<'a> {
     fn new(config: &Config, rig: &'a mut Rig, cycle: Cycle, state: &ArmState) -> Self {
         let start = base_pose(&rig.bearings, state);
-        let pre_insertion =
-            rig.world.as_ref().map_or(PRE_INSERTION, |world| world.pre_insertion());
+        let straight = rig
+            .world
+            .as_ref()
+            .map_or(PRE_INSERTION, SimulatedWorld::pre_insertion);
         Self {
             supervisor: Supervisor::new(bounds(config), rig.clock.now()),
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
             phase: Phase::PreInsertion,
-            pre_insertion,
+            before_pause: Phase::PreInsertion,
+            straight,
             start,
             steering_since: None,
             sequence: 0,
@@ -128,7 +134,7 @@ impl<'a> Insertion<'a> {
     fn check_target(&self, config: &Config) -> Result<(), Unreachable> {
         let tip = (self.start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3))
             .coords
-            + self.start.rotation * nalgebra::Vector3::z() * self.pre_insertion;
+            + self.start.rotation * nalgebra::Vector3::z() * self.straight;
         let target = match config.target.kind {
             TargetKind::Stereo => {
                 (self.rig.bearings.world_from_left_camera * stereo_target(config)).coords()
@@ -147,7 +153,7 @@ impl<'a> Insertion<'a> {
         &mut self,
         config: &Config,
         observer: &mut dyn Observer,
-        interrupt: &AtomicBool,
+        controls: &Controls,
     ) -> Result<Ended, RunError> {
         let period = self.rig.arm.description().period;
         let longest = Duration::from_secs_f64(config.run.max_duration_s);
@@ -155,13 +161,15 @@ impl<'a> Insertion<'a> {
         let mut deadline = begun;
         loop {
             let now = self.rig.clock.now();
-            if interrupt.load(Ordering::Relaxed) {
+            if controls.is_interrupted() {
                 return Ok(Ended::Interrupted);
             }
             if now.since(begun) > longest {
                 return Ok(Ended::TimedOut);
             }
             let state = self.rig.arm.state()?;
+            self.supervisor.dead_man(now, controls.dead_man_count());
+            self.follow(controls.wish());
             self.law_step(config, now, &state, observer)?;
             match self.supervisor.judge(now, &state, self.cycle.telemetry()) {
                 Verdict::Go => {}
@@ -172,11 +180,25 @@ impl<'a> Insertion<'a> {
                 return Ok(ended);
             }
             self.sequence += 1;
-            let command = RateCommand { sequence: self.sequence, stamp: now, rates: self.rates };
-            self.rig.arm.command(&command)?;
+            let command = RateCommand {
+                sequence: self.sequence,
+                stamp: now,
+                rates: self.rates,
+            };
+            if let Err(error) = self.rig.arm.command(&command) {
+                return self.refused(error);
+            }
             observer.command(&command);
             deadline = deadline + period;
             self.rig.clock.wait_until(deadline);
+        }
+    }
+
+    /// A command was refused: by an arm that faulted meanwhile, or for another reason.
+    fn refused(&mut self, error: hal::Error) -> Result<Ended, RunError> {
+        match self.rig.arm.state().map(|state| state.mode) {
+            Ok(ArmMode::Faulted(fault)) => Ok(Ended::Stopped(StopReason::ArmFault { fault })),
+            _ => Err(error.into()),
         }
     }
 
@@ -189,7 +211,9 @@ impl<'a> Insertion<'a> {
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
         let shape = self.rig.sensor.poll()?;
-        let since = self.last_law.map_or(f64::INFINITY, |last| now.secs_since(last));
+        let since = self
+            .last_law
+            .map_or(f64::INFINITY, |last| now.secs_since(last));
         if shape.is_none() && since < PREDICTION {
             return Ok(());
         }
@@ -209,10 +233,35 @@ impl<'a> Insertion<'a> {
         self.rates = telemetry.joint_rates;
         self.last_law = Some(now);
         let telemetry = self.cycle.telemetry_mut();
-        telemetry.law.limits.extend_from_slice(self.rig.arm.inner().acted());
-        telemetry.truth = self.rig.world.as_ref().map(|world| world.report());
+        telemetry
+            .law
+            .limits
+            .extend_from_slice(self.rig.arm.inner().acted());
+        telemetry.truth = self.rig.world.as_ref().map(SimulatedWorld::report);
         observer.step(telemetry);
         Ok(())
+    }
+
+    /// Pauses, retracts or resumes as the user asks.
+    fn follow(&mut self, wish: Wish) {
+        let wanted = match wish {
+            Wish::Proceed if matches!(self.phase, Phase::Paused | Phase::Retracting) => {
+                self.cycle.resume();
+                self.before_pause
+            }
+            Wish::Proceed => self.phase,
+            Wish::Pause => Phase::Paused,
+            Wish::Retract => Phase::Retracting,
+        };
+        if wanted == self.phase {
+            return;
+        }
+        if matches!(self.phase, Phase::PreInsertion | Phase::Steering) {
+            self.before_pause = self.phase;
+        }
+        self.phase = wanted;
+        // The change takes effect at once, not with the next image.
+        self.last_law = None;
     }
 
     /// Straight start first; then the target is set and steering begins.
@@ -223,7 +272,7 @@ impl<'a> Insertion<'a> {
         let base = base_pose(&self.rig.bearings, state);
         let travelled = (base.translation.vector - self.start.translation.vector)
             .dot(&(self.start.rotation * nalgebra::Vector3::z()));
-        if travelled < self.pre_insertion {
+        if travelled < self.straight {
             return;
         }
         let target = self.place_target(config);
@@ -257,6 +306,9 @@ impl<'a> Insertion<'a> {
     }
 
     fn verdict(&mut self, now: Stamp) -> Option<Ended> {
+        if self.phase == Phase::Retracting && self.cycle.is_withdrawn() {
+            return Some(Ended::Retracted);
+        }
         if self.phase != Phase::Steering {
             return None;
         }
@@ -264,7 +316,9 @@ impl<'a> Insertion<'a> {
         if telemetry.axial_distance <= 0.0 {
             return Some(Ended::TargetPassed);
         }
-        self.reach.update(now, &telemetry.law).map(Ended::Unreachable)
+        self.reach
+            .update(now, &telemetry.law)
+            .map(Ended::Unreachable)
     }
 
     /// Stops and waits until the arm is at rest.
@@ -286,7 +340,7 @@ impl<'a> Insertion<'a> {
 
     fn summary(&self, config: &Config, ended: Ended) -> Summary {
         let telemetry = self.cycle.telemetry();
-        let figures = self.rig.world.as_ref().and_then(|world| world.figures());
+        let figures = self.rig.world.as_ref().and_then(SimulatedWorld::figures);
         let mm = |value: f64| value.is_finite().then_some(value * 1e3);
         Summary {
             ended,
@@ -319,6 +373,7 @@ fn bounds(config: &Config) -> Bounds {
         image_hold: ms(s.image_hold_ms),
         image_stop: ms(s.image_stop_ms),
         encoder_stop: ms(s.encoder_stop_ms),
+        dead_man: (s.dead_man_ms > 0.0).then(|| ms(s.dead_man_ms)),
     }
 }
 
@@ -334,7 +389,11 @@ fn nominal_target(
     world_from_holder: &nalgebra::Isometry3<f64>,
 ) -> nalgebra::Vector3<f64> {
     let t = &config.target;
-    let offset = if t.kind == TargetKind::Aligned { 0.0 } else { t.offset_mm * 1e-3 };
+    let offset = if t.kind == TargetKind::Aligned {
+        0.0
+    } else {
+        t.offset_mm * 1e-3
+    };
     place_target(
         tip,
         &hal::Transform::assume(*world_from_holder),

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use hal::telemetry::{SteeringMode, Telemetry};
+use hal::telemetry::{Limit, SteeringMode, Telemetry};
 use nalgebra::Vector3;
 
 /// One law step in the units of plots and tables.
@@ -34,12 +34,14 @@ pub struct Row {
     pub mode: SteeringMode,
     /// Duty cycle.
     pub duty_cycle: f64,
+    /// Limits that acted.
+    pub limits: Vec<Limit>,
 }
 
 /// Header of the CSV, in the order of [`Row`].
 const HEADER: &str = "t_s,depth_mm,lateral_error_mm,true_lateral_error_mm,predicted_miss_mm,\
 base_x_mm,base_y_mm,base_z_mm,tilt_deg,roll_deg,stiffness_n_per_m2,mean_stretch_mm,\
-true_mean_stretch_mm,mode,duty_cycle";
+true_mean_stretch_mm,mode,duty_cycle,limits";
 
 impl Row {
     /// The row of one step; `start` is the telemetry of the first one.
@@ -66,6 +68,7 @@ impl Row {
             true_mean_stretch_mm: truth.map_or(f64::NAN, |t| t.mean_stretch * 1e3),
             mode: telemetry.law.mode,
             duty_cycle: telemetry.law.duty_cycle,
+            limits: telemetry.law.limits.clone(),
         }
     }
 }
@@ -98,7 +101,10 @@ pub fn write_csv(rows: &[Row], mut writer: impl Write) -> std::io::Result<()> {
         }
         write!(writer, "{:?},", row.mode)?;
         write_number(&mut writer, row.duty_cycle)?;
-        writer.write_all(b"\n")?;
+        for (k, limit) in row.limits.iter().enumerate() {
+            write!(writer, "{}{limit:?}", if k == 0 { "," } else { " " })?;
+        }
+        writer.write_all(if row.limits.is_empty() { b",\n" } else { b"\n" })?;
     }
     writer.flush()
 }

@@ -70,14 +70,22 @@ impl SpringsModel {
                 config.needle.bevel_deg.to_radians(),
                 config.needle.outer_diameter_mm * 1e-3,
             )?,
-            Tissue::uniform(config.entry().coords, config.inward().into_inner(), stiffness)?,
+            Tissue::uniform(
+                config.entry().coords,
+                config.inward().into_inner(),
+                stiffness,
+            )?,
             InsertionSettings {
                 pitch: config.tissue.spring_spacing_mm * 1e-3,
                 ..InsertionSettings::default()
             },
             &outside,
         )?;
-        Ok(Self { insertion, sensitivities: Sensitivities::default(), stiffness })
+        Ok(Self {
+            insertion,
+            sensitivities: Sensitivities::default(),
+            stiffness,
+        })
     }
 
     /// Moves the model to the present: base by odometry, tip by measurement, stiffness by
@@ -98,9 +106,9 @@ impl SpringsModel {
         }
         self.insertion.insert(world_from_base, measured_tip)?;
         let needle = self.insertion.equilibrium_mut();
-        needle.sensitivities(&mut self.sensitivities).map_err(|_| {
-            SpringsError::Insertion(InsertionError::Event { gap_m: f64::NAN })
-        })?;
+        needle
+            .sensitivities(&mut self.sensitivities)
+            .map_err(|_| SpringsError::Insertion(InsertionError::Event { gap_m: f64::NAN }))?;
         let gradient = self.sensitivities.mean_stretch(needle);
         Ok(Springs {
             world_from_tip: needle.world_from_tip(),
@@ -125,15 +133,21 @@ impl SpringsModel {
             let pieces = (segment.length / 4e-3).ceil().max(1.0);
             let mut piece = 0.0;
             while piece < pieces {
-                report.shape.push(segment.position(segment.length * piece / pieces));
+                report
+                    .shape
+                    .push(segment.position(segment.length * piece / pieces));
                 piece += 1.0;
             }
         }
         report.shape.push(needle.tip_position());
         report.spring_points.clear();
-        report.spring_points.extend(needle.spring_points().map(|(point, _)| point));
+        report
+            .spring_points
+            .extend(needle.spring_points().map(|(point, _)| point));
         report.rest_points.clear();
-        report.rest_points.extend(needle.springs().iter().map(|spring| spring.rest));
+        report
+            .rest_points
+            .extend(needle.springs().iter().map(|spring| spring.rest));
         report.mean_stretch = needle.mean_stretch();
         report.max_stretch = needle.max_stretch();
         report.entry_stretch = needle.entry_stretch().norm();

@@ -24,6 +24,8 @@ pub struct Bounds {
     pub image_stop: Duration,
     /// Encoders read longer ago: stop the run.
     pub encoder_stop: Duration,
+    /// Dead-man's token refreshed longer ago: stop the run; without, no token is asked for.
+    pub dead_man: Option<Duration>,
 }
 
 /// Why the supervisor stopped the run; latched until the run ends.
@@ -78,6 +80,12 @@ pub enum StopReason {
         /// The bound \[m\].
         bound_m: f64,
     },
+    /// The dead-man's switch was let go.
+    #[error("dead-man's switch released for {age_s:.3} s")]
+    DeadMan {
+        /// Age of the newest token \[s\].
+        age_s: f64,
+    },
     /// A non-finite number in the state or the command.
     #[error("a non-finite number in {place}")]
     NonFinite {
@@ -102,6 +110,7 @@ pub enum Verdict {
 pub struct Supervisor {
     bounds: Bounds,
     newest_image: Stamp,
+    dead_man: (u64, Stamp),
     latched: Option<StopReason>,
 }
 
@@ -111,6 +120,7 @@ impl Supervisor {
         Self {
             bounds,
             newest_image: start,
+            dead_man: (0, start),
             latched: None,
         }
     }
@@ -118,6 +128,13 @@ impl Supervisor {
     /// Notes the exposure of an image that arrived.
     pub fn image(&mut self, stamp: Stamp) {
         self.newest_image = self.newest_image.max(stamp);
+    }
+
+    /// Notes the count of dead-man's tokens.
+    pub fn dead_man(&mut self, now: Stamp, count: u64) {
+        if count != self.dead_man.0 {
+            self.dead_man = (count, now);
+        }
     }
 
     /// The latched reason, if any.
@@ -152,6 +169,14 @@ impl Supervisor {
         if now.since(self.newest_image) > bounds.image_stop {
             return Err(StopReason::ImageTimeout {
                 age_s: now.secs_since(self.newest_image),
+            });
+        }
+        if bounds
+            .dead_man
+            .is_some_and(|longest| now.since(self.dead_man.1) > longest)
+        {
+            return Err(StopReason::DeadMan {
+                age_s: now.secs_since(self.dead_man.1),
             });
         }
         if !arm.positions.is_finite() {

@@ -68,7 +68,13 @@ impl SimulatedWorld {
         world_from_arm_base: Transform<World, ArmBase>,
         bench: Bench,
     ) -> Self {
-        Self(Arc::new(Mutex::new(Inner { body, chain, world_from_arm_base, bench, score: None })))
+        Self(Arc::new(Mutex::new(Inner {
+            body,
+            chain,
+            world_from_arm_base,
+            bench,
+            score: None,
+        })))
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -79,9 +85,10 @@ impl SimulatedWorld {
     pub fn advance_to(&self, stamp: Stamp) {
         let inner = &mut *self.lock();
         let joints = inner.body.advance_to(stamp);
-        let base: Transform<ArmBase, NeedleBase> =
-            Transform::assume(inner.chain.forward(&joints));
-        inner.bench.advance_to(stamp, &(inner.world_from_arm_base * base));
+        let base: Transform<ArmBase, NeedleBase> = Transform::assume(inner.chain.forward(&joints));
+        inner
+            .bench
+            .advance_to(stamp, &(inner.world_from_arm_base * base));
         if let Some(score) = &mut inner.score {
             score.observe(&inner.bench);
         }
@@ -114,7 +121,9 @@ impl SimulatedWorld {
     pub fn report(&self) -> TruthReport {
         let inner = self.lock();
         let truth = inner.bench.truth();
-        let target = inner.score.map_or_else(|| Vector3::from_element(f64::NAN), |s| s.target);
+        let target = inner
+            .score
+            .map_or_else(|| Vector3::from_element(f64::NAN), |s| s.target);
         let miss = truth.miss(&target);
         TruthReport {
             shape: truth.needle.centreline.iter().step_by(4).copied().collect(),
@@ -149,7 +158,9 @@ impl SimulatedWorld {
 
 impl core::fmt::Debug for SimulatedWorld {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_tuple("SimulatedWorld").field(&self.lock().bench).finish()
+        f.debug_tuple("SimulatedWorld")
+            .field(&self.lock().bench)
+            .finish()
     }
 }
 
@@ -204,9 +215,8 @@ mod tests {
     #[test]
     fn offsets_turn_right_handed_from_the_bevel_direction() {
         let holder: Transform<World, NeedleBase> = Transform::identity();
-        let place = |angle: f64| {
-            place_target(&Vector3::zeros(), &holder, 0.08, 0.01, angle.to_radians())
-        };
+        let place =
+            |angle: f64| place_target(&Vector3::zeros(), &holder, 0.08, 0.01, angle.to_radians());
         assert!((place(0.0) - Vector3::new(0.0, -0.01, 0.08)).norm() < 1e-15);
         // A quarter turn about +z takes -y to +x.
         assert!((place(90.0) - Vector3::new(0.01, 0.0, 0.08)).norm() < 1e-15);

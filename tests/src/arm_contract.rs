@@ -46,9 +46,15 @@ pub(crate) fn keeps_the_contract<H: Harness>(fresh: impl Fn() -> H) {
         ("enable and command need their modes", modes_are_required),
         ("moves as commanded", moves_as_commanded),
         ("non-finite commands fault", non_finite_commands_fault),
-        ("late, old and duplicate commands change nothing", old_commands_change_nothing),
+        (
+            "late, old and duplicate commands change nothing",
+            old_commands_change_nothing,
+        ),
         ("a missed command is ridden out", a_fresh_command_resumes),
-        ("a missing command ramps to zero, then faults", stale_commands_fault),
+        (
+            "a missing command ramps to zero, then faults",
+            stale_commands_fault,
+        ),
         ("a command of zero needs no renewal", zero_needs_no_renewal),
         ("stop works in every mode", stop_works_in_every_mode),
         ("excessive commands are slowed, not bent", excess_is_slowed),
@@ -176,7 +182,10 @@ fn moves_as_commanded<H: Harness>(s: &mut Session<H>) {
     s.drive(&gentle(), Duration::from_secs(1));
     let moved = s.harness.true_joints().zip(&before, |a, b| a - b);
     // The second of duration is whole periods: 1.008 s; the rest is the wire's rounding.
-    assert!(distance(&moved, &gentle().map(|x| x * 1.008)) < 2e-4, "{moved:?}");
+    assert!(
+        distance(&moved, &gentle().map(|x| x * 1.008)) < 2e-4,
+        "{moved:?}"
+    );
     let state = s.harness.arm().state().unwrap();
     assert!(distance(&state.rates, &gentle()) < 0.01);
     assert!(distance(&state.positions, &s.harness.true_joints()) < 0.01);
@@ -229,7 +238,10 @@ fn old_commands_change_nothing<H: Harness>(s: &mut Session<H>) {
     s.sequence += 2;
     s.drive(&gentle(), Duration::from_millis(480));
     let moved = s.harness.true_joints().zip(&before, |a, b| a - b);
-    assert!(distance(&moved, &gentle().map(|x| x * 0.496)) < 2e-4, "{moved:?}");
+    assert!(
+        distance(&moved, &gentle().map(|x| x * 0.496)) < 2e-4,
+        "{moved:?}"
+    );
 }
 
 fn a_fresh_command_resumes<H: Harness>(s: &mut Session<H>) {
@@ -321,10 +333,20 @@ fn ends_are_kept<H: Harness>(s: &mut Session<H>) {
             let period = s.period();
             s.wait(period);
             let q = s.harness.true_joints()[joint];
-            assert!((limits[joint].lower..=limits[joint].upper).contains(&q), "{joint}: {q}");
+            assert!(
+                (limits[joint].lower..=limits[joint].upper).contains(&q),
+                "{joint}: {q}"
+            );
         }
-        let end = if sense > 0.0 { limits[joint].upper } else { limits[joint].lower };
-        assert!((s.harness.true_joints()[joint] - end).abs() < 0.1, "far from the end");
+        let end = if sense > 0.0 {
+            limits[joint].upper
+        } else {
+            limits[joint].lower
+        };
+        assert!(
+            (s.harness.true_joints()[joint] - end).abs() < 0.1,
+            "far from the end"
+        );
         s.drive(&wild.zeroed(), Duration::from_millis(160));
     }
 }
@@ -430,5 +452,7 @@ fn a_guarded_arm_keeps_the_contract() {
 
 #[test]
 fn a_recorded_arm_keeps_the_contract() {
-    keeps_the_contract(|| Simulated::new(SimSettings::default(), |driver| Recorded::new(driver, 8)));
+    keeps_the_contract(|| {
+        Simulated::new(SimSettings::default(), |driver| Recorded::new(driver, 8))
+    });
 }

@@ -19,7 +19,6 @@ const MEMBERS: [&str; 9] = [
 /// Which of our crates each crate may depend on, directly or through others.
 fn allowed(member: &str) -> &'static [&'static str] {
     match member {
-        "hal" | "needle-model" => &[],
         "hybrid-control" => &["hal", "needle-model"],
         "vision" | "robots" | "phantom" | "rosbridge" => &["hal"],
         "needle-steer" => &[

@@ -5,5 +5,6 @@ mod arm_contract;
 mod arrows;
 mod calibration_truth;
 mod equations;
+mod supervision;
 mod tidy;
 mod viper_contract;

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::Args;
 use hal::Joints;
-use nalgebra::Matrix4;
-use robots::kinematics::Chain;
+use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3};
+use robots::kinematics::{Chain, Turns};
 use serde::Serialize;
 
 use super::{Usage, print_json};
@@ -67,6 +67,67 @@ pub(super) fn fk(args: &FkArgs) -> anyhow::Result<ExitCode> {
     }
     print_json(&items)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Inverse kinematics: every joint vector inside the limits that reaches a pose.
+#[derive(Debug, Args)]
+pub(super) struct IkArgs {
+    #[command(flatten)]
+    arm: ArmArgs,
+    /// Pose of the tip in the base: homogeneous 4x4 matrix, 16 numbers row by row,
+    /// comma-separated, metres; once for each pose.
+    #[arg(long, required = true, allow_hyphen_values = true)]
+    pose: Vec<String>,
+    /// Also solutions that differ by full turns of a joint.
+    #[arg(long)]
+    all_turns: bool,
+    /// Accepted for symmetry; the output is always JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct IkItem {
+    solutions: Vec<Joints>,
+}
+
+pub(super) fn ik(args: &IkArgs) -> anyhow::Result<ExitCode> {
+    let chain = args.arm.chain()?;
+    let turns = if args.all_turns {
+        Turns::All
+    } else {
+        Turns::One
+    };
+    let mut items = Vec::with_capacity(args.pose.len());
+    for text in &args.pose {
+        items.push(IkItem {
+            solutions: chain.inverse(&pose(text)?, turns),
+        });
+    }
+    print_json(&items)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Deviation from a rotation that is taken for rounding of the text.
+const ORTHONORMAL: f64 = 1e-6;
+
+fn pose(text: &str) -> Result<Isometry3<f64>, Usage> {
+    let m = Matrix4::from_row_slice(&numbers(text, 16, "--pose")?);
+    let rotation: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into_owned();
+    let off = (rotation * rotation.transpose() - Matrix3::identity())
+        .abs()
+        .max();
+    let bottom = (m[(3, 0)], m[(3, 1)], m[(3, 2)], m[(3, 3)]);
+    if off > ORTHONORMAL || rotation.determinant() < 0.0 || bottom != (0.0, 0.0, 0.0, 1.0) {
+        return Err(Usage(format!(
+            "--pose={text}: not a homogeneous transform: rotation off by {off:.1e}, last row {bottom:?}"
+        )));
+    }
+    let rotation = Rotation3::from_matrix_unchecked(rotation);
+    Ok(Isometry3::from_parts(
+        Vector3::new(m[(0, 3)], m[(1, 3)], m[(2, 3)]).into(),
+        UnitQuaternion::from_rotation_matrix(&rotation),
+    ))
 }
 
 /// Exactly `count` finite numbers, separated by commas or white space.

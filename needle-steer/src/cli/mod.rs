@@ -2,6 +2,8 @@
 //! fault, 2 bad usage or configuration.
 
 mod arm;
+mod calibrate;
+mod model;
 mod reproduce;
 mod run;
 
@@ -27,8 +29,15 @@ enum Command {
     Run(run::RunArgs),
     /// The paper's four experiments over seeds: Table I beside the paper's values.
     Reproduce(reproduce::ReproduceArgs),
+    /// Equilibrium of the needle model for a given state, as JSON.
+    Shape(model::ShapeArgs),
+    /// Camera calibration and registration.
+    #[command(subcommand)]
+    Calibrate(calibrate::CalibrateCommand),
     /// Forward kinematics of an arm: pose and Jacobian of a link.
     Fk(arm::FkArgs),
+    /// Inverse kinematics of an arm: every joint vector that reaches a pose.
+    Ik(arm::IkArgs),
     /// Check a configuration.
     Check {
         /// Configuration file (TOML).
@@ -99,7 +108,10 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Command::Run(args) => return run::execute(&args),
         Command::Reproduce(args) => return reproduce::execute(&args),
+        Command::Shape(args) => return model::shape(&args),
+        Command::Calibrate(command) => return calibrate::execute(&command),
         Command::Fk(args) => return arm::fk(&args),
+        Command::Ik(args) => return arm::ik(&args),
         Command::Check { config } => {
             config::load(Some(&config), &[])?;
             writeln!(std::io::stdout(), "{}: valid", config.display())?;

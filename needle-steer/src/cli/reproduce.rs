@@ -4,7 +4,6 @@ use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::Args;
@@ -14,6 +13,7 @@ use serde::Serialize;
 use super::run::interrupt_flag;
 use super::{Usage, print_json};
 use crate::config;
+use crate::controls::Controls;
 use crate::experiments::{EXPERIMENTS, Experiment, ExperimentResult, Plan, reproduce};
 use crate::rig::Rig;
 use crate::run::{RunError, Unobserved, run};
@@ -82,7 +82,9 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
         || progress.inc(1),
     )?;
     progress.finish_and_clear();
-    let document = Document { experiments: &results };
+    let document = Document {
+        experiments: &results,
+    };
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
         let mut json = serde_json::to_vec_pretty(&document)?;
@@ -98,11 +100,8 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn one(
-    config: &config::Config,
-    interrupt: &AtomicBool,
-) -> Result<crate::outcome::Summary, Failure> {
-    if interrupt.load(Ordering::Relaxed) {
+fn one(config: &config::Config, interrupt: &Controls) -> Result<crate::outcome::Summary, Failure> {
+    if interrupt.is_interrupted() {
         return Err(Failure::Interrupted);
     }
     let mut rig = Rig::new(config).map_err(RunError::from)?;
@@ -115,18 +114,24 @@ impl ReproduceArgs {
             .experiments
             .iter()
             .map(|name| {
-                EXPERIMENTS.into_iter().find(|e| e.name == name).ok_or_else(|| {
-                    Usage(format!(
-                        "--experiments: `{name}` is unknown; expected some of e1,e2,e3,e4"
-                    ))
-                })
+                EXPERIMENTS
+                    .into_iter()
+                    .find(|e| e.name == name)
+                    .ok_or_else(|| {
+                        Usage(format!(
+                            "--experiments: `{name}` is unknown; expected some of e1,e2,e3,e4"
+                        ))
+                    })
             })
             .collect();
         if self.runs == 0 {
             return Err(Usage("--runs: expected at least 1".into()).into());
         }
         let mut overrides = self.set.clone();
-        overrides.push(format!("run.phantom={}", toml::Value::String(self.phantom.clone())));
+        overrides.push(format!(
+            "run.phantom={}",
+            toml::Value::String(self.phantom.clone())
+        ));
         overrides.push(format!("run.law={}", toml::Value::String(self.law.clone())));
         overrides.extend(
             self.sensor
@@ -151,7 +156,11 @@ fn print_table(results: &[ExperimentResult]) -> std::io::Result<()> {
         "", "law", "target", "paper mm", "5 %", "median", "95 %", "passed"
     )?;
     for r in results {
-        let passed = r.runs.iter().filter(|run| run.ended == "target passed").count();
+        let passed = r
+            .runs
+            .iter()
+            .filter(|run| run.ended == "target passed")
+            .count();
         writeln!(
             out,
             "{:<4} {:<15} {:<36} {:>9.1} {:>8.3} {:>8.3} {:>8.3} {:>5}/{}",

@@ -4,15 +4,17 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::Args;
 use hal::telemetry::Telemetry;
+use hal::{ArmState, RateCommand, SensedShape};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::print_json;
 use crate::config::{self, Config};
+use crate::controls::Controls;
+use crate::journal::Journal;
 use crate::outcome::Summary;
 use crate::plot::write_run_plot;
 use crate::rig::Rig;
@@ -63,7 +65,11 @@ impl RunArgs {
             ("run.phantom", &self.phantom),
         ];
         for (key, value) in options {
-            overrides.extend(value.as_ref().map(|value| format!("{key}={}", quoted(value))));
+            overrides.extend(
+                value
+                    .as_ref()
+                    .map(|value| format!("{key}={}", quoted(value))),
+            );
         }
         overrides.extend(self.seed.map(|seed| format!("run.seed={seed}")));
         if self.dry_run {
@@ -85,9 +91,16 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     }
-    let mut recorder = Recorder::new(&config);
+    let log = args.out.as_ref().map(|out| out.join("run.mcap"));
+    let journal = match &log {
+        Some(file) => Some(Journal::create(file, &config, &rig.bearings)?),
+        None => None,
+    };
+    let mut recorder = Recorder::new(&config, journal);
     let mut summary = run(&config, &mut rig, &mut recorder, &interrupt)?;
     recorder.progress.finish_and_clear();
+    let logged = recorder.journal.take().map_or(Ok(()), Journal::finish);
+    summary.log = log.map(|file| file.display().to_string());
     if let Some(out) = &args.out {
         summary.out = Some(out.display().to_string());
         write_results(out, &config, &recorder.rows, &summary)?;
@@ -97,20 +110,25 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     } else {
         print_text(&summary)?;
     }
-    Ok(if summary.ended.is_success() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    logged.context("the log is not complete")?;
+    Ok(if summary.ended.is_success() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(1)
+    })
 }
 
 /// A flag that Ctrl-C and SIGTERM raise; the run then stops the arm and ends.
-pub(super) fn interrupt_flag() -> anyhow::Result<Arc<AtomicBool>> {
-    let flag = Arc::new(AtomicBool::new(false));
+pub(super) fn interrupt_flag() -> anyhow::Result<Arc<Controls>> {
+    let flag = Arc::new(Controls::default());
     let raised = Arc::clone(&flag);
-    ctrlc::set_handler(move || raised.store(true, Ordering::Relaxed))
-        .context("installing the signal handler")?;
+    ctrlc::set_handler(move || raised.interrupt()).context("installing the signal handler")?;
     Ok(flag)
 }
 
 /// Keeps the time series and draws the progress line.
 struct Recorder {
+    journal: Option<Journal>,
     rows: Vec<Row>,
     first: Option<Telemetry>,
     progress: ProgressBar,
@@ -118,19 +136,40 @@ struct Recorder {
 }
 
 impl Recorder {
-    fn new(config: &Config) -> Self {
+    fn new(config: &Config, journal: Option<Journal>) -> Self {
         let depth_mm = config.target.depth_mm + 10.0;
         let progress = ProgressBar::new(1000);
         progress.set_style(
             ProgressStyle::with_template("{bar:30} {msg}")
                 .unwrap_or_else(|_| ProgressStyle::default_bar()),
         );
-        Self { rows: Vec::new(), first: None, progress, depth_mm }
+        Self {
+            journal,
+            rows: Vec::new(),
+            first: None,
+            progress,
+            depth_mm,
+        }
     }
 }
 
 impl Observer for Recorder {
+    fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
+        if let Some(journal) = &mut self.journal {
+            journal.inputs(arm, shape);
+        }
+    }
+
+    fn command(&mut self, command: &RateCommand) {
+        if let Some(journal) = &mut self.journal {
+            journal.command(command);
+        }
+    }
+
     fn step(&mut self, telemetry: &Telemetry) {
+        if let Some(journal) = &mut self.journal {
+            journal.step(telemetry);
+        }
         let first = self.first.get_or_insert_with(|| telemetry.clone());
         self.rows.push(Row::new(telemetry, first));
         if telemetry.step % 15 == 1 {
@@ -162,7 +201,8 @@ fn write_results(
     let place = |name: &str| out.join(name);
     let text = toml::to_string(config).context("configuration as TOML")?;
     std::fs::write(place("config.toml"), text).with_context(|| out.display().to_string())?;
-    let csv = std::fs::File::create(place("series.csv")).with_context(|| out.display().to_string())?;
+    let csv =
+        std::fs::File::create(place("series.csv")).with_context(|| out.display().to_string())?;
     write_csv(rows, std::io::BufWriter::new(csv)).with_context(|| out.display().to_string())?;
     let mut json = serde_json::to_vec_pretty(summary)?;
     json.push(b'\n');
@@ -187,7 +227,11 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
         "  tissue stretch  {:.2} mm largest, {:.2} mm mean",
         summary.max_stretch_mm, summary.mean_stretch_mm
     )?;
-    writeln!(out, "  duration        {:.1} s, {} steps", summary.duration_s, summary.steps)?;
+    writeln!(
+        out,
+        "  duration        {:.1} s, {} steps",
+        summary.duration_s, summary.steps
+    )?;
     if let Some(folder) = &summary.out {
         writeln!(out, "  results         {folder}")?;
     }

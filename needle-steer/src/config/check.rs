@@ -101,11 +101,16 @@ impl Config {
             },
             problem: e.to_string(),
         })?;
-        let phantom = phantom::Settings::preset(&self.run.phantom)
-            .map_err(|e| Invalid { key: "run.phantom".into(), problem: e.to_string() })?;
+        let phantom = phantom::Settings::preset(&self.run.phantom).map_err(|e| Invalid {
+            key: "run.phantom".into(),
+            problem: e.to_string(),
+        })?;
         phantom
             .overridden(self.phantom.clone())
-            .map_err(|e| Invalid { key: "phantom".into(), problem: e.to_string() })?;
+            .map_err(|e| Invalid {
+                key: "phantom".into(),
+                problem: e.to_string(),
+            })?;
         Ok(())
     }
 
@@ -149,6 +154,12 @@ impl Config {
             supervisor.encoder_stop_ms,
             20.0,
             1000.0,
+        )?;
+        within(
+            "supervisor.dead_man_ms",
+            supervisor.dead_man_ms,
+            0.0,
+            10_000.0,
         )
     }
 }

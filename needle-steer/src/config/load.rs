@@ -172,6 +172,10 @@ fn line_of_key(text: &str, key: &str) -> Option<usize> {
 
 /// Puts one `key=value` into the table; returns the key.
 fn apply_override(table: &mut toml::Table, argument: &str) -> Result<String, ConfigError> {
+    #[derive(Deserialize)]
+    struct Holder {
+        x: toml::Value,
+    }
     let malformed = || ConfigError::Override {
         argument: argument.to_owned(),
     };
@@ -179,10 +183,6 @@ fn apply_override(table: &mut toml::Table, argument: &str) -> Result<String, Con
     let (key, value) = (key.trim(), value.trim());
     if key.is_empty() || key.split('.').any(str::is_empty) {
         return Err(malformed());
-    }
-    #[derive(Deserialize)]
-    struct Holder {
-        x: toml::Value,
     }
     let value = toml::from_str::<Holder>(&format!("x = {value}"))
         .map_or_else(|_| toml::Value::String(value.to_owned()), |holder| holder.x);

@@ -62,9 +62,14 @@ impl Config {
     /// Pose at the nominal entry: z into the tissue, x as near to World's x as can be.
     pub fn world_from_entry(&self) -> Isometry3<f64> {
         let z = self.inward().into_inner();
-        let towards = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+        let towards = if z.x.abs() < 0.9 {
+            Vector3::x()
+        } else {
+            Vector3::y()
+        };
         let x = (towards - z * z.dot(&towards)).normalize();
-        let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
+        let rotation =
+            Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
         Isometry3::from_parts(self.entry().coords.into(), rotation.into())
     }
 
@@ -110,6 +115,8 @@ pub struct Run {
     pub insertion_speed_mm_s: f64,
     /// Longest duration of a run \[s\].
     pub max_duration_s: f64,
+    /// Refuse a target that the predictive model says is out of reach.
+    pub check_reach: bool,
     /// Move nothing: configuration, reachability and limits are checked only.
     pub dry_run: bool,
 }
@@ -124,6 +131,7 @@ impl Default for Run {
             seed: 1,
             insertion_speed_mm_s: 1.0,
             max_duration_s: 600.0,
+            check_reach: true,
             dry_run: false,
         }
     }
@@ -236,6 +244,8 @@ pub struct Supervisor {
     pub image_stop_ms: f64,
     /// Longest age of the encoders' reading before the run stops \[ms\].
     pub encoder_stop_ms: f64,
+    /// Longest time without a dead-man's token before the run stops \[ms\]; 0: none is asked for.
+    pub dead_man_ms: f64,
 }
 
 impl Default for Supervisor {
@@ -247,6 +257,7 @@ impl Default for Supervisor {
             image_hold_ms: 200.0,
             image_stop_ms: 2000.0,
             encoder_stop_ms: 350.0,
+            dead_man_ms: 0.0,
         }
     }
 }

@@ -1,0 +1,280 @@
+//! `calibrate stereo` and `calibrate register`.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::{Args, Subcommand};
+use hal::GrayImage;
+use nalgebra::{Matrix4, Point2};
+use serde::Serialize;
+use vision::calibrate::{
+    Board, BoardPair, RejectReason, Rejected, StereoCalibration, StereoOptions, calibrate_stereo,
+};
+use vision::camera::Camera;
+use vision::detect::{BoardSize, RefineOptions, detect_board};
+use vision::files::{
+    StereoFile, camera_info, read_images, read_stereo, stereo_yml, write_all,
+};
+use vision::register::{RegistrationFile, read_poses, register};
+use vision::report::calibration_report;
+
+use super::{Usage, print_json};
+
+/// Camera calibration and registration.
+#[derive(Debug, Subcommand)]
+pub(super) enum CalibrateCommand {
+    /// Stereo calibration from photographs of a chessboard.
+    Stereo(StereoArgs),
+    /// Registration of the cameras to the arm from recorded poses.
+    Register(RegisterArgs),
+}
+
+#[derive(Debug, Args)]
+pub(super) struct StereoArgs {
+    /// Images of the left camera.
+    #[arg(long, required = true, num_args = 1..)]
+    left: Vec<PathBuf>,
+    /// Images of the right camera, in the same order.
+    #[arg(long, required = true, num_args = 1..)]
+    right: Vec<PathBuf>,
+    /// Inner corners of the board: COLUMNSxROWS.
+    #[arg(long)]
+    board: String,
+    /// Side of a square \[mm\].
+    #[arg(long)]
+    square_mm: f64,
+    /// Folder for `report.html`, `left.yaml`, `right.yaml`, `stereo.yml`; made if missing.
+    #[arg(long)]
+    out: PathBuf,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct RegisterArgs {
+    /// Recorded poses (JSON).
+    poses: PathBuf,
+    /// The stereo calibration.
+    #[arg(long)]
+    calibration: PathBuf,
+    /// File for the registration (JSON).
+    #[arg(long)]
+    out: PathBuf,
+    /// Print the registration as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(command: &CalibrateCommand) -> anyhow::Result<ExitCode> {
+    match command {
+        CalibrateCommand::Stereo(args) => stereo(args),
+        CalibrateCommand::Register(args) => registration(args),
+    }
+}
+
+#[derive(Serialize)]
+struct CameraOutput {
+    camera_matrix: [[f64; 3]; 3],
+    distortion: [f64; 5],
+}
+
+#[derive(Serialize)]
+struct StereoOutput<'a> {
+    left_rms_px: f64,
+    right_rms_px: f64,
+    joint_rms_px: f64,
+    rectified_dy_rms_px: f64,
+    left: CameraOutput,
+    right: CameraOutput,
+    right_from_left: [[f64; 4]; 4],
+    corners_px: BTreeMap<&'a str, Vec<[f64; 2]>>,
+    rejected: Vec<String>,
+    sigma: Vec<f64>,
+}
+
+fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
+    let board = Board { size: board_size(&args.board)?, square: square(args.square_mm)? };
+    if args.left.len() != args.right.len() {
+        return Err(Usage(format!(
+            "--left names {} images, --right {}: every pair needs both",
+            args.left.len(),
+            args.right.len()
+        ))
+        .into());
+    }
+    let files: Vec<PathBuf> = args.left.iter().chain(&args.right).cloned().collect();
+    let images = read_images(&files).map_err(|e| Usage(with_causes(&e)))?;
+    let (left, right) = images.split_at(args.left.len());
+    let size = left.first().map_or((0, 0), |image| (image.width(), image.height()));
+    let (mut pairs, mut rejected) = (Vec::new(), Vec::new());
+    for (k, (left_image, right_image)) in left.iter().zip(right).enumerate() {
+        let names = [&args.left, &args.right].map(|list| name(list.get(k)));
+        match corners([left_image, right_image], board.size, &names) {
+            Ok([left, right]) => {
+                let [left_name, right_name] = names;
+                pairs.push(BoardPair { left_name, right_name, left, right });
+            }
+            Err(reason) => {
+                let [left, right] = names;
+                rejected.push(Rejected { left, right, reason });
+            }
+        }
+    }
+    let calibration =
+        calibrate_stereo(&board, &pairs, size, rejected, &StereoOptions::default())
+            .map_err(|e| Usage(e.to_string()))?;
+    write_calibration(&args.out, &calibration)?;
+    if args.json {
+        print_json(&output(&calibration))?;
+    } else {
+        print_stereo(&calibration, &args.out)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn board_size(text: &str) -> Result<BoardSize, Usage> {
+    let parsed = text.split_once(['x', 'X']).and_then(|(cols, rows)| {
+        Some(BoardSize { cols: cols.trim().parse().ok()?, rows: rows.trim().parse().ok()? })
+    });
+    parsed.ok_or_else(|| Usage(format!("--board {text}: expected COLUMNSxROWS, for instance 9x6")))
+}
+
+fn square(square_mm: f64) -> Result<f64, Usage> {
+    if square_mm.is_finite() && square_mm > 0.0 {
+        Ok(square_mm * 1e-3)
+    } else {
+        Err(Usage(format!("--square-mm {square_mm}: expected a number above 0")))
+    }
+}
+
+fn name(path: Option<&PathBuf>) -> String {
+    path.and_then(|p| p.file_name()).map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+}
+
+/// Corners of the board in both images, or which image has none and why.
+fn corners(
+    images: [&GrayImage; 2],
+    size: BoardSize,
+    names: &[String; 2],
+) -> Result<[Vec<Point2<f64>>; 2], RejectReason> {
+    let find = |side: usize| {
+        images
+            .get(side)
+            .map(|image| detect_board(image, size, &RefineOptions::default()))
+            .transpose()
+            .map(|board| board.map_or_else(Vec::new, |board| board.corners))
+            .map_err(|e| RejectReason::NoBoard {
+                image: names.get(side).cloned().unwrap_or_default(),
+                why: e.to_string(),
+            })
+    };
+    Ok([find(0)?, find(1)?])
+}
+
+fn write_calibration(out: &Path, calibration: &StereoCalibration) -> anyhow::Result<()> {
+    let report = calibration_report(calibration)?;
+    let [left, right] = camera_info(&calibration.rig);
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    write_all(&[
+        (out.join("report.html"), report),
+        (out.join("left.yaml"), left.to_yaml()),
+        (out.join("right.yaml"), right.to_yaml()),
+        (out.join("stereo.yml"), stereo_yml(&StereoFile::from(calibration))),
+    ])?;
+    Ok(())
+}
+
+fn output(c: &StereoCalibration) -> StereoOutput<'_> {
+    let mut corners_px = BTreeMap::new();
+    for view in &c.views {
+        for (name, corners) in [&view.left_name, &view.right_name].into_iter().zip(&view.corners) {
+            corners_px.insert(name.as_str(), corners.iter().map(|p| [p.x, p.y]).collect());
+        }
+    }
+    StereoOutput {
+        left_rms_px: c.left_rms_px,
+        right_rms_px: c.right_rms_px,
+        joint_rms_px: c.joint_rms_px,
+        rectified_dy_rms_px: c.rectified_dy.rms_px,
+        left: camera_output(&c.rig.left),
+        right: camera_output(&c.rig.right),
+        right_from_left: rows(&c.rig.right_from_left.to_homogeneous()),
+        corners_px,
+        rejected: c.rejected.iter().map(ToString::to_string).collect(),
+        sigma: c.sigmas().iter().copied().collect(),
+    }
+}
+
+fn camera_output(camera: &Camera) -> CameraOutput {
+    let k = camera.matrix();
+    CameraOutput {
+        camera_matrix: core::array::from_fn(|i| core::array::from_fn(|j| k[(i, j)])),
+        distortion: camera.distortion.to_array(),
+    }
+}
+
+fn rows(m: &Matrix4<f64>) -> [[f64; 4]; 4] {
+    core::array::from_fn(|i| core::array::from_fn(|j| m[(i, j)]))
+}
+
+fn print_stereo(c: &StereoCalibration, out: &Path) -> std::io::Result<()> {
+    use std::io::Write;
+    let mut stdout = std::io::stdout().lock();
+    writeln!(stdout, "{} pairs, {} rejections", c.views.len(), c.rejected.len())?;
+    for rejected in &c.rejected {
+        writeln!(stdout, "  {rejected}")?;
+    }
+    writeln!(
+        stdout,
+        "RMS {:.4} px joint, {:.4} px left alone, {:.4} px right alone; rectified dy {:.4} px",
+        c.joint_rms_px, c.left_rms_px, c.right_rms_px, c.rectified_dy.rms_px
+    )?;
+    writeln!(stdout, "baseline {:.3} mm", c.rig.baseline() * 1e3)?;
+    writeln!(stdout, "report, left.yaml, right.yaml, stereo.yml in {}", out.display())
+}
+
+fn registration(args: &RegisterArgs) -> anyhow::Result<ExitCode> {
+    let calibration = read_stereo(&args.calibration).map_err(|e| Usage(with_causes(&e)))?;
+    let (target, poses, options) = read_poses(&args.poses).map_err(|e| Usage(with_causes(&e)))?;
+    let found =
+        register(&calibration.rig, calibration.covariance.as_ref(), &target, &poses, &options)
+            .map_err(|e| Usage(format!("{}: {e}", args.poses.display())))?;
+    let left_from_world = found.world_from_left_camera.inverse();
+    let places: Vec<_> = poses
+        .iter()
+        .map(|pose| {
+            let target = found.flange_from_target.translation.vector.into();
+            left_from_world * (pose.world_from_flange * hal::Position::new(target))
+        })
+        .collect();
+    let file = RegistrationFile::new(&found, &places);
+    write_all(&[(args.out.clone(), file.to_json()?)])?;
+    if args.json {
+        print_json(&file)?;
+    } else {
+        use std::io::Write;
+        writeln!(
+            std::io::stdout(),
+            "FRE {:.3} mm, predicted target error {:.3} mm, chi2 per freedom {:.2}; written to {}",
+            file.fre_mm,
+            file.predicted_tre_mm,
+            file.chi2_per_freedom,
+            args.out.display()
+        )?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// An error and its causes in one line.
+fn with_causes(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(next) = cause {
+        text = format!("{text}: {next}");
+        cause = next.source();
+    }
+    text
+}

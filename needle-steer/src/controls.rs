@@ -1,0 +1,63 @@
+//! What a user may ask of a run while it goes on: stop, pause, retract, and the dead-man's switch.
+
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+
+/// What the user wants the run to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wish {
+    /// Go on.
+    Proceed,
+    /// Hold still.
+    Pause,
+    /// Withdraw along the path that the base came.
+    Retract,
+}
+
+/// Shared between the run and whoever controls it; every method may be called from any thread.
+#[derive(Debug, Default)]
+pub struct Controls {
+    interrupted: AtomicBool,
+    wish: AtomicU8,
+    dead_man: AtomicU64,
+}
+
+impl Controls {
+    /// Stops the arm and ends the run.
+    pub fn interrupt(&self) {
+        self.interrupted.store(true, Ordering::Release);
+    }
+
+    /// Whether the run was interrupted.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Acquire)
+    }
+
+    /// Asks for something else.
+    pub fn ask(&self, wish: Wish) {
+        let code = match wish {
+            Wish::Proceed => 0,
+            Wish::Pause => 1,
+            Wish::Retract => 2,
+        };
+        self.wish.store(code, Ordering::Release);
+    }
+
+    /// What is asked for.
+    pub fn wish(&self) -> Wish {
+        match self.wish.load(Ordering::Acquire) {
+            0 => Wish::Proceed,
+            2 => Wish::Retract,
+            _ => Wish::Pause,
+        }
+    }
+
+    /// Refreshes the dead-man's token: any call counts.
+    pub fn refresh_dead_man(&self) {
+        self.dead_man.fetch_add(1, Ordering::Release);
+    }
+
+    /// Number of refreshes so far.
+    pub fn dead_man_count(&self) -> u64 {
+        self.dead_man.load(Ordering::Acquire)
+    }
+}

@@ -1,0 +1,79 @@
+//! The log of a run: what each step read, what it decided and what went out, as MCAP.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use hal::telemetry::Telemetry;
+use hal::{ArmState, RateCommand, SensedShape};
+use rosbridge::log::{Log, Overflow, Record, RunInfo, WriteError};
+
+use crate::config::Config;
+use crate::cycle::Bearings;
+use crate::run::Observer;
+
+/// Writes a run's log as it goes. A failing disk never disturbs the run: the first error is kept
+/// and answered by [`Journal::finish`].
+#[derive(Debug)]
+pub struct Journal {
+    log: Log,
+    error: Option<WriteError>,
+}
+
+impl Journal {
+    /// A new log at `file`.
+    ///
+    /// # Errors
+    /// The file cannot be made, or the configuration not be written as TOML.
+    pub fn create(file: &Path, config: &Config, bearings: &Bearings) -> anyhow::Result<Self> {
+        let label = |key: &str, value: &str| (key.to_owned(), value.to_owned());
+        let info = RunInfo {
+            config: toml::to_string(config)?,
+            seed: config.run.seed,
+            versions: BTreeMap::from([label("needle-steer", env!("CARGO_PKG_VERSION"))]),
+            labels: BTreeMap::from([
+                label("law", &config.run.law),
+                label("phantom", &config.run.phantom),
+            ]),
+            joint_names: bearings.chain.names().to_vec(),
+            world_from_left_camera: bearings.world_from_left_camera,
+        };
+        Ok(Self {
+            log: Log::create(file, &info, Overflow::Wait)?,
+            error: None,
+        })
+    }
+
+    fn write(&mut self, record: impl Into<Record>) {
+        if self.error.is_none() {
+            self.error = self.log.write(record).err();
+        }
+    }
+
+    /// Completes the file.
+    ///
+    /// # Errors
+    /// The first record that could not be written, or the end of the file.
+    pub fn finish(self) -> Result<(), WriteError> {
+        match self.error {
+            Some(error) => Err(error),
+            None => self.log.finish().map(|_| ()),
+        }
+    }
+}
+
+impl Observer for Journal {
+    fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
+        self.write(*arm);
+        if let Some(shape) = shape {
+            self.write(shape.clone());
+        }
+    }
+
+    fn step(&mut self, telemetry: &Telemetry) {
+        self.write(telemetry.clone());
+    }
+
+    fn command(&mut self, command: &RateCommand) {
+        self.write(*command);
+    }
+}
