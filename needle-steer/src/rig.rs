@@ -12,16 +12,19 @@ use phantom::{Bench, SettingsError, bench::Setup};
 use robots::arms;
 use robots::kinematics::{Chain, Turns, UrdfError};
 use robots::sim::{SimError, SimSettings, SimulatedArm};
+use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 
 use crate::clock::LockstepClock;
-use crate::config::Config;
+use crate::config::{Backend, Config, ViperDialect};
 use crate::cycle::Bearings;
-use crate::world::SimulatedWorld;
+use crate::world::{Body, SimulatedWorld};
 
 /// Ticks of the simulated world.
 const TICK: Duration = Duration::from_millis(4);
 /// Distance that guarded joints keep from their limits \[rad\].
 const JOINT_MARGIN: f64 = 8.727e-3;
+/// Longest wait for an arm's first report.
+const CONNECT: Duration = Duration::from_secs(2);
 /// Events kept for the fault report.
 const EVENTS: usize = 256;
 
@@ -54,6 +57,25 @@ pub enum RigBuildError {
     /// The simulated arm's settings.
     #[error("simulated arm: {0}")]
     Sim(#[from] SimError),
+    /// The Viper driver's settings.
+    #[error("Viper driver: {0}")]
+    Viper(#[from] viper::driver::SetupError),
+    /// The Viper driver's or the emulated controller's threads and sockets.
+    #[error("Viper driver: {0}")]
+    ViperStart(#[from] viper::tcp::StartError),
+    /// Nothing sees the needle on a real arm.
+    #[error(
+        "viper.emulate = false: an insertion on the controller at {host} needs cameras, and run.sensor = \"shape\" is the phantom's"
+    )]
+    NoSensor {
+        /// Host of the controller.
+        host: String,
+    },
+    /// A controller's program that cannot insert.
+    #[error(
+        "viper.dialect = \"adept2018\": segments of that program cannot be stopped, so it inserts no needle"
+    )]
+    PositioningOnly,
     /// The guard's limits.
     #[error("guard: {0}")]
     Guard(#[from] LimiterError),
@@ -114,20 +136,14 @@ impl Rig {
             },
         )?;
 
-        let arm = SimulatedArm::new(&chain, &joints, SimSettings::default())?;
-        let driver: Box<dyn Arm> = Box::new(arm.driver());
+        let (driver, body, simulated_arm) = arm(config, &chain, &joints)?;
         let period = driver.description().period;
-        let world = SimulatedWorld::new(
-            Box::new(arm.clone()),
-            chain.clone(),
-            world_from_arm_base,
-            bench,
-        );
+        let world = SimulatedWorld::new(body, chain.clone(), world_from_arm_base, bench);
         let moved = world.clone();
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
         let guard =
             Guard::new(limiter).with_tool(Box::new(chain.clone()), None, SpeedCaps::INSERTING);
-        Ok(Self {
+        let mut rig = Self {
             clock: Box::new(LockstepClock::new(TICK, move |now| moved.advance_to(now))),
             arm: Recorded::new(Guarded::new(driver, guard)?, EVENTS),
             sensor: Box::new(world.shape_sensor()),
@@ -137,8 +153,25 @@ impl Rig {
                 world_from_left_camera: left_from_world.inverse(),
             },
             world: Some(world),
-            simulated_arm: Some(arm),
-        })
+            simulated_arm,
+        };
+        rig.await_feedback()?;
+        Ok(rig)
+    }
+
+    /// Waits until the arm reports; a simulated one does at once.
+    fn await_feedback(&mut self) -> Result<(), RigBuildError> {
+        let deadline = self.clock.now() + CONNECT;
+        loop {
+            match self.arm.state() {
+                Ok(_) => return Ok(()),
+                Err(error) if self.clock.now() >= deadline => return Err(error.into()),
+                Err(_) => {
+                    let next = self.clock.now() + TICK;
+                    self.clock.wait_until(next);
+                }
+            }
+        }
     }
 
     /// The stereo frame as registered.
@@ -152,6 +185,35 @@ impl core::fmt::Debug for Rig {
         f.debug_struct("Rig")
             .field("bearings", &self.bearings)
             .finish_non_exhaustive()
+    }
+}
+
+/// An arm's driver, what moves in the simulated world, and the simulated arm if it is one.
+type ArmParts = (Box<dyn Arm>, Box<dyn Body>, Option<SimulatedArm>);
+
+fn arm(config: &Config, chain: &Chain, joints: &hal::Joints) -> Result<ArmParts, RigBuildError> {
+    match config.run.backend {
+        Backend::Sim => {
+            let arm = SimulatedArm::new(chain, joints, SimSettings::default())?;
+            Ok((Box::new(arm.driver()), Box::new(arm.clone()), Some(arm)))
+        }
+        Backend::Viper => {
+            if !config.viper.emulate {
+                return Err(RigBuildError::NoSensor {
+                    host: config.viper.host.clone(),
+                });
+            }
+            if config.viper.dialect == ViperDialect::Adept2018 {
+                return Err(RigBuildError::PositioningOnly);
+            }
+            let dialect = viper::Dialect::Steer;
+            let mut settings = viper::Config::viper(&config.viper.host, dialect);
+            settings.seed = config.run.seed;
+            let core = viper::driver::Core::new(settings)?;
+            let emulator = Emulator::new(EmulatorConfig::viper(dialect, *joints));
+            let (arm, lockstep) = viper::lockstep::Lockstep::over_tcp(core, emulator)?;
+            Ok((Box::new(arm), Box::new(lockstep), None))
+        }
     }
 }
 
@@ -192,7 +254,11 @@ fn start_joints(chain: &Chain, base_from_tip: &Isometry3<f64>) -> Option<hal::Jo
     const ENOUGH: f64 = 1.0;
     let merit = |q: &hal::Joints| {
         let room = |(q, limit): (&f64, &hal::JointLimit)| (q - limit.lower).min(limit.upper - q);
-        let least = q.iter().zip(chain.limits()).map(room).fold(ENOUGH, f64::min);
+        let least = q
+            .iter()
+            .zip(chain.limits())
+            .map(room)
+            .fold(ENOUGH, f64::min);
         let turned = q.last().map_or(0.0, |last| last.abs());
         chain.dexterity(q, LENGTH) + least - 0.1 * turned
     };

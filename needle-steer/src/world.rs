@@ -23,6 +23,13 @@ impl Body for robots::sim::SimulatedArm {
     }
 }
 
+impl Body for robots::viper::lockstep::Lockstep {
+    fn advance_to(&mut self, stamp: Stamp) -> Joints {
+        Self::advance_to(self, stamp);
+        self.emulator().true_joints()
+    }
+}
+
 struct Inner {
     body: Box<dyn Body>,
     chain: Chain,

@@ -14,9 +14,7 @@ use vision::calibrate::{
 };
 use vision::camera::Camera;
 use vision::detect::{BoardSize, RefineOptions, detect_board};
-use vision::files::{
-    StereoFile, camera_info, read_images, read_stereo, stereo_yml, write_all,
-};
+use vision::files::{StereoFile, camera_info, read_images, read_stereo, stereo_yml, write_all};
 use vision::register::{RegistrationFile, read_poses, register};
 use vision::report::calibration_report;
 
@@ -96,7 +94,10 @@ struct StereoOutput<'a> {
 }
 
 fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
-    let board = Board { size: board_size(&args.board)?, square: square(args.square_mm)? };
+    let board = Board {
+        size: board_size(&args.board)?,
+        square: square(args.square_mm)?,
+    };
     if args.left.len() != args.right.len() {
         return Err(Usage(format!(
             "--left names {} images, --right {}: every pair needs both",
@@ -108,24 +109,34 @@ fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     let files: Vec<PathBuf> = args.left.iter().chain(&args.right).cloned().collect();
     let images = read_images(&files).map_err(|e| Usage(with_causes(&e)))?;
     let (left, right) = images.split_at(args.left.len());
-    let size = left.first().map_or((0, 0), |image| (image.width(), image.height()));
+    let size = left
+        .first()
+        .map_or((0, 0), |image| (image.width(), image.height()));
     let (mut pairs, mut rejected) = (Vec::new(), Vec::new());
     for (k, (left_image, right_image)) in left.iter().zip(right).enumerate() {
         let names = [&args.left, &args.right].map(|list| name(list.get(k)));
         match corners([left_image, right_image], board.size, &names) {
             Ok([left, right]) => {
                 let [left_name, right_name] = names;
-                pairs.push(BoardPair { left_name, right_name, left, right });
+                pairs.push(BoardPair {
+                    left_name,
+                    right_name,
+                    left,
+                    right,
+                });
             }
             Err(reason) => {
                 let [left, right] = names;
-                rejected.push(Rejected { left, right, reason });
+                rejected.push(Rejected {
+                    left,
+                    right,
+                    reason,
+                });
             }
         }
     }
-    let calibration =
-        calibrate_stereo(&board, &pairs, size, rejected, &StereoOptions::default())
-            .map_err(|e| Usage(e.to_string()))?;
+    let calibration = calibrate_stereo(&board, &pairs, size, rejected, &StereoOptions::default())
+        .map_err(|e| Usage(e.to_string()))?;
     write_calibration(&args.out, &calibration)?;
     if args.json {
         print_json(&output(&calibration))?;
@@ -137,21 +148,31 @@ fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
 
 fn board_size(text: &str) -> Result<BoardSize, Usage> {
     let parsed = text.split_once(['x', 'X']).and_then(|(cols, rows)| {
-        Some(BoardSize { cols: cols.trim().parse().ok()?, rows: rows.trim().parse().ok()? })
+        Some(BoardSize {
+            cols: cols.trim().parse().ok()?,
+            rows: rows.trim().parse().ok()?,
+        })
     });
-    parsed.ok_or_else(|| Usage(format!("--board {text}: expected COLUMNSxROWS, for instance 9x6")))
+    parsed.ok_or_else(|| {
+        Usage(format!(
+            "--board {text}: expected COLUMNSxROWS, for instance 9x6"
+        ))
+    })
 }
 
 fn square(square_mm: f64) -> Result<f64, Usage> {
     if square_mm.is_finite() && square_mm > 0.0 {
         Ok(square_mm * 1e-3)
     } else {
-        Err(Usage(format!("--square-mm {square_mm}: expected a number above 0")))
+        Err(Usage(format!(
+            "--square-mm {square_mm}: expected a number above 0"
+        )))
     }
 }
 
 fn name(path: Option<&PathBuf>) -> String {
-    path.and_then(|p| p.file_name()).map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+    path.and_then(|p| p.file_name())
+        .map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }
 
 /// Corners of the board in both images, or which image has none and why.
@@ -182,7 +203,10 @@ fn write_calibration(out: &Path, calibration: &StereoCalibration) -> anyhow::Res
         (out.join("report.html"), report),
         (out.join("left.yaml"), left.to_yaml()),
         (out.join("right.yaml"), right.to_yaml()),
-        (out.join("stereo.yml"), stereo_yml(&StereoFile::from(calibration))),
+        (
+            out.join("stereo.yml"),
+            stereo_yml(&StereoFile::from(calibration)),
+        ),
     ])?;
     Ok(())
 }
@@ -190,7 +214,10 @@ fn write_calibration(out: &Path, calibration: &StereoCalibration) -> anyhow::Res
 fn output(c: &StereoCalibration) -> StereoOutput<'_> {
     let mut corners_px = BTreeMap::new();
     for view in &c.views {
-        for (name, corners) in [&view.left_name, &view.right_name].into_iter().zip(&view.corners) {
+        for (name, corners) in [&view.left_name, &view.right_name]
+            .into_iter()
+            .zip(&view.corners)
+        {
             corners_px.insert(name.as_str(), corners.iter().map(|p| [p.x, p.y]).collect());
         }
     }
@@ -223,7 +250,12 @@ fn rows(m: &Matrix4<f64>) -> [[f64; 4]; 4] {
 fn print_stereo(c: &StereoCalibration, out: &Path) -> std::io::Result<()> {
     use std::io::Write;
     let mut stdout = std::io::stdout().lock();
-    writeln!(stdout, "{} pairs, {} rejections", c.views.len(), c.rejected.len())?;
+    writeln!(
+        stdout,
+        "{} pairs, {} rejections",
+        c.views.len(),
+        c.rejected.len()
+    )?;
     for rejected in &c.rejected {
         writeln!(stdout, "  {rejected}")?;
     }
@@ -233,15 +265,24 @@ fn print_stereo(c: &StereoCalibration, out: &Path) -> std::io::Result<()> {
         c.joint_rms_px, c.left_rms_px, c.right_rms_px, c.rectified_dy.rms_px
     )?;
     writeln!(stdout, "baseline {:.3} mm", c.rig.baseline() * 1e3)?;
-    writeln!(stdout, "report, left.yaml, right.yaml, stereo.yml in {}", out.display())
+    writeln!(
+        stdout,
+        "report, left.yaml, right.yaml, stereo.yml in {}",
+        out.display()
+    )
 }
 
 fn registration(args: &RegisterArgs) -> anyhow::Result<ExitCode> {
     let calibration = read_stereo(&args.calibration).map_err(|e| Usage(with_causes(&e)))?;
     let (target, poses, options) = read_poses(&args.poses).map_err(|e| Usage(with_causes(&e)))?;
-    let found =
-        register(&calibration.rig, calibration.covariance.as_ref(), &target, &poses, &options)
-            .map_err(|e| Usage(format!("{}: {e}", args.poses.display())))?;
+    let found = register(
+        &calibration.rig,
+        calibration.covariance.as_ref(),
+        &target,
+        &poses,
+        &options,
+    )
+    .map_err(|e| Usage(format!("{}: {e}", args.poses.display())))?;
     let left_from_world = found.world_from_left_camera.inverse();
     let places: Vec<_> = poses
         .iter()

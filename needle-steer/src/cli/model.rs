@@ -67,8 +67,17 @@ pub(super) fn shape(args: &ShapeArgs) -> anyhow::Result<ExitCode> {
     let reader = &mut serde_json::Deserializer::from_str(&text);
     let case: CaseFile = serde_path_to_error::deserialize(reader)
         .map_err(|e| Usage(format!("{file}: {}: {}", e.path(), e.inner())))?;
-    let solved = Case::from(case).solve().map_err(|e| Usage(format!("{file}: {e}")))?;
-    let CaseShape { tip_m, tip_direction, j_tip_base, iterations, residual, .. } = solved;
+    let solved = Case::from(case)
+        .solve()
+        .map_err(|e| Usage(format!("{file}: {e}")))?;
+    let CaseShape {
+        tip_m,
+        tip_direction,
+        j_tip_base,
+        iterations,
+        residual,
+        ..
+    } = solved;
     print_json(&ShapeOutput {
         tip_m,
         tip_direction,
@@ -91,7 +100,11 @@ impl From<CaseFile> for Case {
             world_from_base: file.world_from_base,
             tip_force_n: file.tip_force_n,
             tip_moment_nm: file.tip_moment_nm,
-            springs: file.springs.iter().map(|s| (s.rest_m, s.stiffness_n_per_m)).collect(),
+            springs: file
+                .springs
+                .iter()
+                .map(|s| (s.rest_m, s.stiffness_n_per_m))
+                .collect(),
         }
     }
 }

@@ -38,6 +38,8 @@ pub struct Config {
     pub supervisor: Supervisor,
     /// The arm.
     pub arm: Arm,
+    /// The Viper's controller, for the back end `viper`.
+    pub viper: Viper,
     /// Limits that every law keeps.
     pub limits: hybrid_control::Limits,
     /// The estimator of path, bevel, disturbance and stiffness.
@@ -86,6 +88,8 @@ pub enum Backend {
     /// The URDF kinematic simulator with the phantom.
     #[default]
     Sim,
+    /// The Viper S650's socket driver: its emulated controller with the phantom, or a real one.
+    Viper,
 }
 
 /// What closes the loop.
@@ -258,6 +262,40 @@ impl Default for Supervisor {
             image_stop_ms: 2000.0,
             encoder_stop_ms: 350.0,
             dead_man_ms: 0.0,
+        }
+    }
+}
+
+/// Program of the Viper's controller.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ViperDialect {
+    /// The project's own program: timed points, watchdog, braking stop.
+    #[default]
+    Steer,
+    /// The public program of 2018: positioning only, refused for insertions.
+    Adept2018,
+}
+
+/// The Viper's controller.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Viper {
+    /// Start an emulated controller on the loopback interface, its arm holding the phantom's
+    /// needle; otherwise connect to `host`.
+    pub emulate: bool,
+    /// Host name or address of the controller.
+    pub host: String,
+    /// What the controller speaks.
+    pub dialect: ViperDialect,
+}
+
+impl Default for Viper {
+    fn default() -> Self {
+        Self {
+            emulate: true,
+            host: "127.0.0.1".into(),
+            dialect: ViperDialect::Steer,
         }
     }
 }
