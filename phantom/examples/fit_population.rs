@@ -67,7 +67,7 @@ fn main() -> Result<(), SettingsError> {
         if !check_only {
             // A larger angle lowers the rank of the aligned miss and raises the shifted one's:
             // regula falsi on their difference.
-            let mut imbalance = |angle: f64| -> Result<f64, SettingsError> {
+            let imbalance = |angle: f64| -> Result<f64, SettingsError> {
                 let found = misses(&with_angle(&settings, angle), FIT_SEEDS)?;
                 let ranks = [0, 1].map(|i| rank(&found[i], PAPER_MM[i]));
                 println!("{name}: {angle:.4} deg gives ranks {ranks:.1?} %");

@@ -5,7 +5,7 @@
 //! model: **architecture invariant:** this crate depends on `hal` alone of ours.
 //!
 //! Reading order: [`settings`] says what there is; [`needle`] steps the rod in its tissue;
-//! [`bench`] adds the robot's flaws and the sensors; [`experiment`] scores the paper's
+//! [`mod@bench`] adds the robot's flaws and the sensors; [`experiment`] scores the paper's
 //! uncontrolled insertion. `docs/PHANTOM.md` explains the physics.
 
 pub mod settings;

@@ -1,8 +1,10 @@
 //! The ground truth: a rod in tissue, stepped along its base's motion.
 
+mod publish;
+
 use hal::frame::{NeedleBase, World};
 use hal::{Stamp, Transform};
-use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::draw::Draw;
 use crate::medium::{Contact, Hold, Medium};
@@ -13,7 +15,7 @@ use crate::rod::{Rod, Section};
 use crate::settings::{Settings, SettingsError};
 use crate::tissue::Tissue;
 use crate::truth::{Event, Truth};
-use crate::twist::{Sliding, Twist, transport};
+use crate::twist::{Sliding, Twist};
 
 /// Longest way of the base in one equilibrium \[m\].
 const LONGEST_STEP: f64 = 0.1e-3;
@@ -61,13 +63,6 @@ pub struct RodPlant {
     recent: Recent,
     iterations: u64,
     truth: Truth,
-}
-
-/// Rotation of a frame with z along `z` and x nearest to `x`.
-fn frame(z: Vector3<f64>, x: Vector3<f64>) -> UnitQuaternion<f64> {
-    let x = (x - z * z.dot(&x)).normalize();
-    let matrix = Matrix3::from_columns(&[x, z.cross(&x), z]);
-    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix))
 }
 
 impl RodPlant {
@@ -182,7 +177,7 @@ impl RodPlant {
         let before = self.edge();
         let bevel_before = self.bevel_direction(&before.1);
         self.predict(pose);
-        let advance = self.slide(&before.0);
+        let advance = self.slide();
         self.rub(pose, advance);
         self.aim(&before.1, &bevel_before, advance);
         self.equilibrate();
@@ -215,14 +210,13 @@ impl RodPlant {
     }
 
     /// How far the prediction slides through the tissue \[m\].
-    fn slide(&mut self, edge_before: &Vector3<f64>) -> f64 {
+    fn slide(&self) -> f64 {
         let Some(path) = &self.path else {
             return 0.0;
         };
-        let hint = self.contact.edge.segment;
-        let old = path.locate(edge_before, hint).arc;
-        let new = path.locate(&self.edge().0, hint).arc;
-        new - old
+        // Against the last equilibrium, so that a motion of the tissue counts too.
+        let last = &self.contact.edge;
+        path.locate(&self.edge().0, last.segment).arc - last.arc
     }
 
     /// Friction along and around the shaft, and the force of cutting.
@@ -376,8 +370,8 @@ impl RodPlant {
                 if reused {
                     path.place(&self.placement);
                 }
+                self.contact.edge = path.locate(&edge, 0);
                 self.path = Some(path);
-                self.contact.edge.segment = 0;
                 self.report(Event::Entered { reused });
             }
             None => {}
@@ -423,110 +417,6 @@ impl RodPlant {
         });
         if let Some((depth_m, by_m)) = torn {
             self.report(Event::Tearing { depth_m, by_m });
-        }
-    }
-
-    /// Notes an event; one of a kind per `advance`, the first.
-    fn report(&mut self, event: Event) {
-        let kind = core::mem::discriminant(&event);
-        if !self
-            .truth
-            .events
-            .iter()
-            .any(|e| core::mem::discriminant(e) == kind)
-        {
-            self.truth.events.push(event);
-        }
-    }
-
-    fn check_yield(&mut self) {
-        let stress_per_moment =
-            self.radius / self.rod.section.bending * (self.settings.needle.young_gpa * 1e9);
-        let moment = (0..self.rod.edges())
-            .map(|i| self.rod.bending_moment(i).norm())
-            .fold(0.0, f64::max);
-        let stress_pa = moment * stress_per_moment;
-        if stress_pa > self.settings.needle.yield_mpa * 1e6 {
-            self.report(Event::Yielding { stress_pa });
-        }
-    }
-
-    fn publish(&mut self, stamp: Stamp, world_from_base: &Transform<World, NeedleBase>) {
-        self.check_yield();
-        let rotation = self.world_from_phantom.rotation;
-        let edges = self.rod.edges();
-        let direction = self.rod.direction(edges - 1);
-        let tip = Isometry3::from_parts(
-            self.rod.nodes[edges].into(),
-            frame(direction, self.tip_director_now(&direction)),
-        );
-        let truth = &mut self.truth;
-        truth.stamp = stamp;
-        truth.needle.stamp = stamp;
-        let matrix = rotation.to_rotation_matrix();
-        let origin = self.world_from_phantom.translation.vector;
-        for (point, node) in truth.needle.centreline.iter_mut().zip(&self.rod.nodes) {
-            *point = matrix * node + origin;
-        }
-        truth.needle.world_from_tip = Transform::assume(self.world_from_phantom * tip);
-        truth.world_from_base = *world_from_base;
-        truth.base_wrench.force = rotation * self.rod.clamp_force();
-        truth.base_wrench.moment =
-            rotation * (self.rod.bending_moment(0) - self.rod.clamp * self.rod.torque[0]);
-        truth.torsion = self.twist.tip_angle();
-        truth.tip_force = rotation * self.contact.tip_force;
-        truth.depth = self.contact.edge.arc;
-        truth.cut_path.clear();
-        if let Some(path) = &self.path {
-            let points = path.points().iter().map(|p| matrix * p + origin);
-            truth.cut_path.extend(points);
-        } else {
-            truth.depth = 0.0;
-        }
-        self.publish_stretch();
-    }
-
-    /// Material x axis at the tip of the shape as it is now.
-    fn tip_director_now(&self, direction: &Vector3<f64>) -> Vector3<f64> {
-        let mut tangent = self.rod.clamp;
-        let mut carried = self.pose.rotation * Vector3::x();
-        for i in 0..self.rod.edges() {
-            let t = self.rod.direction(i);
-            carried = transport(&carried, &tangent, &t);
-            tangent = t;
-        }
-        let (sin, cos) = self.twist.tip_angle().sin_cos();
-        carried * cos + direction.cross(&carried) * sin
-    }
-
-    fn publish_stretch(&mut self) {
-        let contact = &self.contact;
-        let (mut sum, mut length, mut largest) = (0.0, 0.0, 0.0f64);
-        for (u, w) in contact.displacement.iter().zip(&contact.weight) {
-            if *w > 0.0 {
-                let size = u.norm();
-                sum += w * size;
-                length += w;
-                largest = largest.max(size);
-            }
-        }
-        let first = contact.first;
-        let edges = self.rod.edges();
-        let truth = &mut self.truth;
-        truth.mean_stretch = if length > 0.0 { sum / length } else { 0.0 };
-        truth.max_stretch = largest;
-        let spacing = self.rod.edge;
-        if first <= edges && contact.weight[first] > 0.0 {
-            truth.needle.entry_arc = first as f64 * spacing - contact.feet[first].arc;
-            truth.entry_stretch = contact.displacement[first].norm();
-            let tissue = self.rod.clamp_force();
-            let axis = self.rod.direction(first.min(edges - 1));
-            let across = -(tissue - axis * axis.dot(&tissue));
-            truth.entry_force = self.world_from_phantom.rotation * across;
-        } else {
-            truth.needle.entry_arc = edges as f64 * spacing;
-            truth.entry_stretch = 0.0;
-            truth.entry_force = Vector3::zeros();
         }
     }
 }

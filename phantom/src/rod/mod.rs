@@ -2,7 +2,7 @@
 //!
 //! Nodes at equal arc length, clamped at the base in position and direction, free at the tip.
 //! Bending acts on the difference of neighbouring edges, twist through the holonomy of the
-//! centreline (discrete elastic rods, [Bergou2008], [Bergou2010]). The axial stiffness is that
+//! centreline (discrete elastic rods, \[Bergou2008\], \[Bergou2010\]). The axial stiffness is that
 //! of the steel itself, 4e4 N: the shaft is inextensible to 3 um over its length per newton,
 //! and equations stay banded. Newton's method moves edges on the sphere of directions, so that
 //! a finite rotation does not stretch them.

@@ -2,7 +2,7 @@
 //!
 //! [`Settings::default`] is the preset `ideal`: nominal needle and tissue, no flaw. Each key
 //! carries its unit; unknown keys are refused. Where a value comes from is said as *paper*
-//! ([Chevrie2016]), *computed* or *assumed*.
+//! (\[Chevrie2016\]), *computed* or *assumed*.
 
 mod preset;
 mod validate;

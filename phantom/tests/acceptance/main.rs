@@ -1,8 +1,5 @@
 //! The phantom's own acceptance: its physics against closed forms and invariants.
-#![expect(
-    clippy::unwrap_used,
-    reason = "helpers of tests fail where they stand"
-)]
+#![expect(clippy::unwrap_used, reason = "helpers of tests fail where they stand")]
 
 mod authority;
 mod bench;
