@@ -8,7 +8,7 @@ use crate::tasks::wrap;
 use crate::view::RollTravel;
 
 /// Duty cycle DC that turns the natural curvature into the effective one \[1/m\], within
-/// 0 (insertion only) to 1 (spinning only): Eq. (21).
+/// 0 (insertion only) to 1 (spinning only): eq. (21) solved for DC.
 pub fn duty_cycle(effective_curvature: f64, natural_curvature: f64) -> f64 {
     if natural_curvature > 0.0 {
         (1.0 - effective_curvature / natural_curvature).clamp(0.0, 1.0)
