@@ -43,7 +43,7 @@ impl ReachMonitor {
     /// The shortfall \[m\], once it has lasted.
     pub fn update(&mut self, now: Stamp, report: &LawReport) -> Option<f64> {
         // NaN: unknown, which is no shortfall.
-        if !(report.shortfall > self.tolerance) {
+        if report.shortfall.is_nan() || report.shortfall <= self.tolerance {
             self.since = None;
             return None;
         }

@@ -118,6 +118,10 @@ impl Default for EstimatorSettings {
 }
 
 /// The paper's laws and their deviations.
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a named switch of a configuration"
+)]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PaperSettings {
@@ -196,6 +200,10 @@ impl Default for PaperSettings {
 }
 
 /// The hybrid law.
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a named switch of a configuration"
+)]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct HybridSettings {
@@ -321,6 +329,7 @@ impl LawSettings {
     ///
     /// # Errors
     /// The first setting outside its range, by its key.
+    #[expect(clippy::too_many_lines, reason = "one range after the other")]
     pub fn validate(&self) -> Result<(), LawError> {
         let (p, h, b) = (&self.paper, &self.hybrid, &self.broyden);
         in_range(

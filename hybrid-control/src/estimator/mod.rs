@@ -165,7 +165,7 @@ impl Estimator {
         }
         let axis = start.world_from_base.rotation * Vector3::z();
         let angle = axis.angle(&start.entry.inward);
-        if !(angle < 60_f64.to_radians()) {
+        if angle.is_nan() || angle >= 60_f64.to_radians() {
             return Err(EstimatorError::Askew {
                 angle_deg: angle.to_degrees(),
             });

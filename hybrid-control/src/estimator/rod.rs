@@ -272,7 +272,7 @@ mod tests {
     fn zero_of(bed: f64, which: usize) -> f64 {
         let mut depth = 15e-3;
         let sign = authority(bed, depth)[which].signum();
-        while authority(bed, depth)[which].signum() == sign && depth < 0.12 {
+        while authority(bed, depth)[which] * sign > 0.0 && depth < 0.12 {
             depth += 0.1e-3;
         }
         depth * 1e3

@@ -193,8 +193,8 @@ pub(crate) fn insert(case: &Case<'_>) -> Outcome {
         }
         let twist = if let Some(goal) = target {
             let mut true_pose = Isometry3::translation(tip.x, tip.y, tip.z);
-            true_pose.rotation = UnitQuaternion::rotation_between(&Vector3::z(), &axis)
-                .unwrap_or_else(|| frame.rotation);
+            true_pose.rotation =
+                UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap_or(frame.rotation);
             if target_ahead(&true_pose, &goal) <= 0.0 {
                 ended = "target passed";
                 break;
@@ -220,7 +220,7 @@ pub(crate) fn insert(case: &Case<'_>) -> Outcome {
                 insertion_speed: 1e-3,
             };
             let decision = law.decide(&view);
-            if case.trace && (time * 30.0).round() as u64 % 60 == 0 {
+            if case.trace && ((time * 30.0).round() as u64).is_multiple_of(60) {
                 let r = &decision.report;
                 let m = r.predicted_miss * 1e3;
                 println!(
