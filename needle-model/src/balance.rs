@@ -13,8 +13,8 @@ use crate::spring::spring_force;
 ///
 /// # Deviation
 /// The solver projects each spring's force on its own plane and adds the jumps along the needle,
-/// instead of projecting the sum on plane i. Both agree to second order in the slope
-/// ([`Residuals::literal_shear`] is the difference); the sum's tangential part, which eq. (8) drops
+/// instead of projecting the sum on plane i. They differ by about the third power of the
+/// slope ([`Residuals::literal_shear`] is the difference); the sum's tangential part, which eq. (8) drops
 /// at plane i, would be normal to the needle elsewhere.
 pub fn normal_force(
     normal: &Vector3<f64>,

@@ -241,7 +241,12 @@ mod tests {
 
     fn state() -> ArmState {
         let positions = Joints::from([0.0; 6]);
-        ArmState { stamp: Stamp::ZERO, positions, rates: positions, mode: ArmMode::Moving }
+        ArmState {
+            stamp: Stamp::ZERO,
+            positions,
+            rates: positions,
+            mode: ArmMode::Moving,
+        }
     }
 
     fn telemetry() -> Telemetry {
@@ -272,18 +277,16 @@ mod tests {
 
     #[test]
     fn bounds_are_kept_and_latched() {
-        let mut changes: Vec<(&str, Box<dyn Fn(&mut Telemetry)>)> = vec![
-            ("stretch", Box::new(|t| t.model.max_stretch = 9e-3)),
-            ("stretch", Box::new(|t| t.model.max_stretch = f64::NAN)),
-            ("force", Box::new(|t| t.model.entry_force = 6.0)),
-            ("rates", Box::new(|t| t.joint_rates[2] = f64::NAN)),
-        ];
-        changes.push((
-            "base",
-            Box::new(|t| {
+        type Change = fn(&mut Telemetry);
+        let changes: [(&str, Change); 5] = [
+            ("stretch", |t| t.model.max_stretch = 9e-3),
+            ("stretch", |t| t.model.max_stretch = f64::NAN),
+            ("force", |t| t.model.entry_force = 6.0),
+            ("rates", |t| t.joint_rates[2] = f64::NAN),
+            ("base", |t| {
                 t.world_from_base = Transform::assume(Isometry3::translation(0.05, 0.05, 0.1));
             }),
-        ));
+        ];
         for (what, change) in changes {
             let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
             let good = telemetry();
@@ -291,7 +294,9 @@ mod tests {
             let mut bad = telemetry();
             change(&mut bad);
             let verdict = supervisor.judge(Stamp::ZERO, &state(), &bad);
-            let Verdict::Stop(reason) = verdict else { panic!("{what}: {verdict:?}") };
+            let Verdict::Stop(reason) = verdict else {
+                panic!("{what}: {verdict:?}")
+            };
             assert!(reason.to_string().contains(what), "{what}: {reason}");
             let again = supervisor.judge(Stamp::ZERO, &state(), &good);
             assert_eq!(again, Verdict::Stop(reason.clone()), "the reason stays");
@@ -304,13 +309,26 @@ mod tests {
         let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
         let mut at = |seconds: f64| {
             let now = Stamp::from_secs(seconds);
-            supervisor.judge(now, &ArmState { stamp: now, ..state() }, &telemetry())
+            supervisor.judge(
+                now,
+                &ArmState {
+                    stamp: now,
+                    ..state()
+                },
+                &telemetry(),
+            )
         };
         assert_eq!(at(0.2), Verdict::Go);
         assert_eq!(at(0.21), Verdict::Hold);
-        assert!(matches!(at(2.1), Verdict::Stop(StopReason::ImageTimeout { .. })));
+        assert!(matches!(
+            at(2.1),
+            Verdict::Stop(StopReason::ImageTimeout { .. })
+        ));
         let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
         let late = supervisor.judge(Stamp::from_secs(0.36), &state(), &telemetry());
-        assert!(matches!(late, Verdict::Stop(StopReason::EncoderTimeout { .. })));
+        assert!(matches!(
+            late,
+            Verdict::Stop(StopReason::EncoderTimeout { .. })
+        ));
     }
 }

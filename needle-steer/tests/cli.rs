@@ -137,7 +137,12 @@ fn ctrl_c_stops_the_arm_and_keeps_the_results() {
     // A speed at which the run takes hours of simulated time: it is stopped, or it never ends.
     let child = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
         .args(["run", "--json", "--set", "run.insertion_speed_mm_s=0.001"])
-        .args(["--set", "run.max_duration_s=86400", "--out", out.to_str().unwrap()])
+        .args([
+            "--set",
+            "run.max_duration_s=86400",
+            "--out",
+            out.to_str().unwrap(),
+        ])
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -148,7 +153,13 @@ fn ctrl_c_stops_the_arm_and_keeps_the_results() {
         std::thread::yield_now();
     }
     let pid = child.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &pid])
+            .status()
+            .unwrap()
+            .success()
+    );
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -161,9 +172,11 @@ fn ctrl_c_stops_the_arm_and_keeps_the_results() {
 #[test]
 fn shape_solves_a_reference_case_and_names_what_is_wrong() {
     let folder = folder("shape");
-    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/needle/ustk_equilibria.json");
-    let cases: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(data).unwrap()).unwrap();
+    let data = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../tests/data/needle/ustk_equilibria.json"
+    );
+    let cases: serde_json::Value = serde_json::from_slice(&std::fs::read(data).unwrap()).unwrap();
     let case = folder.join("case.json");
     std::fs::write(&case, cases[0].to_string()).unwrap();
     let output = needle_steer(&["shape", case.to_str().unwrap()]);
@@ -203,7 +216,10 @@ fn the_viper_back_end_ends_at_the_target_too() {
     assert!(output.status.success(), "{}", stderr(&output));
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["ended"], "target passed");
-    assert!(summary["true_error_mm"].as_f64().unwrap() < 0.3, "{summary}");
+    assert!(
+        summary["true_error_mm"].as_f64().unwrap() < 0.3,
+        "{summary}"
+    );
 }
 
 #[test]

@@ -39,9 +39,12 @@ fn gentle() -> Joints {
     Joints::from([0.02, -0.01, 0.015, -0.02, 0.01, 0.03])
 }
 
+/// What a clause of the contract says, and its check.
+type Clause<H> = (&'static str, fn(&mut Session<H>));
+
 /// Checks every clause on a fresh arm.
 pub(crate) fn keeps_the_contract<H: Harness>(fresh: impl Fn() -> H) {
-    let clauses: [(&str, fn(&mut Session<H>)); 13] = [
+    let clauses: [Clause<H>; 13] = [
         ("starts connected and at rest", starts_connected),
         ("enable and command need their modes", modes_are_required),
         ("moves as commanded", moves_as_commanded),

@@ -1,8 +1,8 @@
 //! The Viper's driver on its controller's emulator keeps the contract of an arm.
 //!
 //! Only with the `steer` dialect: the 2018 program stops at the end of every segment, so that
-//! joints do not come near their ends in the time that the contract grants. Its other clauses
-//! are kept; the fault tests in `robots` cover both dialects.
+//! joints do not come near their ends in the time that the contract grants. The fault tests in
+//! `robots` cover both dialects.
 
 use core::time::Duration;
 
