@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Point2, SMatrix, SVector, Vector3};
 
 /// The homography that takes `from` to `to` in the least-squares sense of the direct linear
-/// transform with normalised coordinates [Hartley1997]; `None` for fewer than four points or
+/// transform with normalised coordinates \[Hartley1997\]; `None` for fewer than four points or
 /// points on a line.
 pub(crate) fn homography(from: &[Point2<f64>], to: &[Point2<f64>]) -> Option<Matrix3<f64>> {
     if from.len() < 4 || from.len() != to.len() {

@@ -1,6 +1,6 @@
 //! Levenberg-Marquardt over parameters that all views share and one pose of each view.
 //!
-//! The poses are eliminated by the Schur complement [Triggs2000]; the reduced system is solved
+//! The poses are eliminated by the Schur complement \[Triggs2000\]; the reduced system is solved
 //! by faer.
 
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};

@@ -1,7 +1,7 @@
 //! Stereo calibration from chessboards of known size.
 //!
 //! Zhang's closed form starts two monocular fits, these start the joint bundle over both
-//! cameras, their relative pose and every board pose [Zhang2000]. Corners and views that do not
+//! cameras, their relative pose and every board pose \[Zhang2000\]. Corners and views that do not
 //! fit are rejected by name. All parameters come with a covariance.
 
 mod bundle;

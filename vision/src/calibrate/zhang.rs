@@ -1,4 +1,4 @@
-//! A camera's start from homographies [Zhang2000], the principal point taken at the image's
+//! A camera's start from homographies \[Zhang2000\], the principal point taken at the image's
 //! centre.
 
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point2, Rotation3, UnitQuaternion, Vector2, Vector3};

@@ -1,4 +1,4 @@
-//! The pinhole camera with Brown-Conrady distortion (OpenCV's five coefficients) [Brown1971].
+//! The pinhole camera with Brown-Conrady distortion (OpenCV's five coefficients) \[Brown1971\].
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point2, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! Sub-pixel position of a crossing.
 //!
 //! At the centre every gradient of the window is orthogonal to the line that joins it to the
-//! centre [Foerstner1987]; the weighted least squares of that, iterated.
+//! centre \[Foerstner1987\]; the weighted least squares of that, iterated.
 
 use hal::GrayImage;
 use nalgebra::{Matrix2, Point2, Vector2};

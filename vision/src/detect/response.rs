@@ -1,6 +1,6 @@
 //! Where an image looks like the crossing of four chessboard squares.
 //!
-//! The ChESS response [Bennett2014]: on a ring of sixteen samples, opposite samples agree and
+//! The ChESS response \[Bennett2014\]: on a ring of sixteen samples, opposite samples agree and
 //! samples a quarter turn apart do not.
 
 use hal::GrayImage;

@@ -1,8 +1,8 @@
 //! Where the cameras stand in the laboratory: registration to the arm.
 //!
 //! The arm carries a point (the needle's tip, a ball) or a calibration board to known flange
-//! poses and both cameras look. Points need [Kabsch1976], a board the hand-eye equation
-//! AX = XB [Park1994]; the start is closed-form, the result the most likely one under errors of
+//! poses and both cameras look. Points need \[Kabsch1976\], a board the hand-eye equation
+//! AX = XB \[Park1994\]; the start is closed-form, the result the most likely one under errors of
 //! corners and arm. The calibration's covariance is carried through, refraction included.
 
 mod file;
@@ -94,7 +94,7 @@ pub struct Registration {
 
 impl Registration {
     /// Predicted covariance of where the registration puts a point \[m2\]; the square root of
-    /// its trace is the predicted target registration error [Fitzpatrick1998].
+    /// its trace is the predicted target registration error \[Fitzpatrick1998\].
     pub fn target_covariance(&self, point: &Position<LeftCamera>) -> Matrix3<f64> {
         let arm = self.world_from_left_camera.rotate(&point.coords());
         let mut j = Matrix3x6::zeros();

@@ -4,7 +4,7 @@ use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
-/// The rigid transform that takes `from` to `to` with the least squared error [Kabsch1976];
+/// The rigid transform that takes `from` to `to` with the least squared error \[Kabsch1976\];
 /// `None` for fewer than three points, or points on a line.
 pub fn kabsch(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<Isometry3<f64>> {
     if from.len() < 3 || from.len() != to.len() {
@@ -81,7 +81,7 @@ pub(super) fn point_on_flange(
 }
 
 /// World-from-camera X and flange-from-board Y with X A = F Y: rotations from the relative
-/// motions' axes [Park1994], translations linear.
+/// motions' axes \[Park1994\], translations linear.
 pub(super) fn hand_eye(
     seen: &[Isometry3<f64>],
     flange: &[Isometry3<f64>],
