@@ -7,7 +7,7 @@ use core::time::Duration;
 
 use hal::telemetry::SteeringMode;
 use hal::{Stamp, Twist};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
 use crate::bevel::BevelModulator;
 use crate::estimator::Rollout;
@@ -15,7 +15,6 @@ use crate::settings::HybridSettings;
 use crate::tasks::target_velocity;
 use crate::view::{Decision, Law, View, blank_report};
 use plan::Plan;
-pub use plan::PlanSummary;
 
 /// Travel that turns of the bevel leave unused on either side, beyond the guard's \[rad\]: with
 /// it they stay inside three quarters of a turn of an arm with one turn to either side.
@@ -156,9 +155,4 @@ impl Law for Hybrid {
         self.last_base = None;
         self.waited = 0.0;
     }
-}
-
-/// The lateral vector as a plain pair, for summaries.
-fn pair(v: &Vector2<f64>) -> [f64; 2] {
-    [v.x, v.y]
 }

@@ -42,17 +42,6 @@ pub(super) struct Plan {
     bound: [bool; 4],
 }
 
-/// A plan as others may show it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PlanSummary {
-    /// Pivot \[rad\].
-    pub pivot: [f64; 2],
-    /// Shift \[m\].
-    pub shift: [f64; 2],
-    /// Curvature, fraction.
-    pub curvature: [f64; 2],
-}
-
 impl Plan {
     /// Base motion still to be made, as displacement at the target \[m\].
     pub(super) fn unfinished(&self, rollout: &Rollout) -> f64 {
@@ -205,14 +194,4 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
         },
         bound: [binds(0), binds(1), binds(2), binds(3)],
     })
-}
-
-impl From<&Plan> for PlanSummary {
-    fn from(plan: &Plan) -> Self {
-        Self {
-            pivot: super::pair(&plan.pivot),
-            shift: super::pair(&plan.shift),
-            curvature: super::pair(&plan.curvature),
-        }
-    }
 }
