@@ -227,13 +227,15 @@ pub struct HybridSettings {
     pub shift_fade: f64,
     /// Unfinished base motion that halves the speed of insertion \[mm at the target\].
     pub slow_mm: f64,
+    /// Longest time that slowing down may cost in one insertion \[s\].
+    pub slow_most_s: f64,
     /// Gain of the base's approach to its plan \[1/s\].
     pub base_gain_per_s: f64,
-    /// Gain of the unloading of the entry \[1/s\].
+    /// Gain of the relief of the tissue where the base steers no more \[1/s\].
     pub unload_gain_per_s: f64,
     /// Gain with which a tip drawn back by the base is brought to the end of its path \[1/s\].
     pub regain_gain_per_s: f64,
-    /// Feature switches, for ablation: base pivot, base shift, entry unloading, slowing down,
+    /// Feature switches, for ablation: base pivot, base shift, relief of the tissue, slowing down,
     /// reserve.
     pub pivot: bool,
     /// See `pivot`.
@@ -250,13 +252,14 @@ impl Default for HybridSettings {
             plan_rate_hz: 5.0,
             debt_threshold_mm: 0.75,
             spin_deg_s: 360.0,
-            bevel_reserve: 0.8,
+            bevel_reserve: 0.7,
             reserve_until_mm: 40.0,
             pivot_weight_deg: 4.0,
             shift_weight_mm: 1.0,
             pivot_fade_mm_deg: 0.1,
             shift_fade: 0.15,
             slow_mm: 0.5,
+            slow_most_s: 20.0,
             base_gain_per_s: 2.0,
             unload_gain_per_s: 0.2,
             regain_gain_per_s: 3.0,
@@ -441,6 +444,13 @@ impl LawSettings {
             "a number from 0 to 10",
         )?;
         in_range("hybrid.slow_mm", h.slow_mm, 0.01, 1000.0, SMALL)?;
+        in_range(
+            "hybrid.slow_most_s",
+            h.slow_most_s,
+            0.0,
+            3600.0,
+            "a number from 0 to 3600",
+        )?;
         in_range(
             "hybrid.base_gain_per_s",
             h.base_gain_per_s,

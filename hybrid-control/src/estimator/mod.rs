@@ -377,6 +377,16 @@ impl Estimator {
         planar(&self.present.rod.entry()) - planar(self.present.path.value(0))
     }
 
+    /// Shift of the base that would relieve the tissue most, in the sense of squared
+    /// displacement along the needle \[m\], in the insertion frame.
+    pub fn relief(&self) -> Vector2<f64> {
+        let m = &self.present;
+        Vector2::new(
+            m.rod.relief(&m.path, X, SHIFT),
+            m.rod.relief(&m.path, Y, SHIFT),
+        )
+    }
+
     /// Mean displacement of the needle from its path \[m\].
     pub fn mean_stretch(&self) -> f64 {
         self.present.rod.mean_stretch(&self.present.path, X, Y)

@@ -143,6 +143,24 @@ impl Rod {
         total / count.max(1) as f64
     }
 
+    /// Multiple of column `by` that takes the most squared distance out of column `of`, inside
+    /// the tissue.
+    pub(crate) fn relief(&self, path: &CutPath, of: usize, by: usize) -> f64 {
+        let start = self.first_in_tissue;
+        let (mut product, mut square) = (0.0, 0.0);
+        for i in 0..self.z.len() - start {
+            let (w, c) = (self.x[2 * (start + i)], path.value(i));
+            let effect = w[by] - c[by];
+            product += effect * (w[of] - c[of]);
+            square += effect * effect;
+        }
+        if square > 1e-3 {
+            -product / square
+        } else {
+            0.0
+        }
+    }
+
     fn place_nodes(&mut self, clamp: &Clamp, path: &CutPath) {
         self.z.clear();
         let free = (-clamp.z).max(1e-4);

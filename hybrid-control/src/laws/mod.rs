@@ -11,7 +11,6 @@ mod tip_only;
 
 use crate::settings::{LawSettings, PaperSettings};
 use crate::view::Law;
-pub use hybrid::PlanSummary;
 
 /// Names of all laws.
 pub const LAW_NAMES: [&str; 7] = [

@@ -7,7 +7,7 @@ use core::time::Duration;
 
 use hal::telemetry::SteeringMode;
 use hal::{Stamp, Twist};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
 use crate::bevel::BevelModulator;
 use crate::estimator::Rollout;
@@ -15,7 +15,6 @@ use crate::settings::HybridSettings;
 use crate::tasks::target_velocity;
 use crate::view::{Decision, Law, View, blank_report};
 use plan::Plan;
-pub use plan::PlanSummary;
 
 /// Travel that turns of the bevel leave unused on either side, beyond the guard's \[rad\]: with
 /// it they stay inside three quarters of a turn of an arm with one turn to either side.
@@ -28,6 +27,8 @@ pub(super) struct Hybrid {
     plan: Plan,
     planned_at: Option<Stamp>,
     last_base: Option<Vector3<f64>>,
+    /// Time lost so far by slowing down \[s\].
+    waited: f64,
 }
 
 impl Hybrid {
@@ -39,6 +40,7 @@ impl Hybrid {
             plan: Plan::default(),
             planned_at: None,
             last_base: None,
+            waited: 0.0,
         }
     }
 
@@ -107,11 +109,13 @@ impl Law for Hybrid {
             view.dt,
         );
         let unfinished = self.plan.unfinished(&self.rollout);
-        let slow = if s.slow_down {
+        // Waiting has an end: a plan that never finishes must not hold up the insertion.
+        let slow = if s.slow_down && self.waited < s.slow_most_s {
             (s.slow_mm * 1e-3 / unfinished.max(1e-9)).clamp(0.1, 1.0)
         } else {
             1.0
         };
+        self.waited += (1.0 - slow) * view.dt;
         // A tilting base draws the needle back: what has been lost is inserted again at once.
         let regain = view.estimator.retracted() * s.regain_gain_per_s;
         let speed = (view.insertion_speed * slow).max(regain);
@@ -149,10 +153,6 @@ impl Law for Hybrid {
         self.plan = Plan::default();
         self.planned_at = None;
         self.last_base = None;
+        self.waited = 0.0;
     }
-}
-
-/// The lateral vector as a plain pair, for summaries.
-fn pair(v: &Vector2<f64>) -> [f64; 2] {
-    [v.x, v.y]
 }

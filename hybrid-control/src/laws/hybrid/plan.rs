@@ -33,24 +33,13 @@ pub(super) struct Plan {
     pub(super) pivot: Vector2<f64>,
     /// Shift still to be made \[m\].
     pub(super) shift: Vector2<f64>,
-    /// Shift that only unloads the entry, still to be made \[m\].
+    /// Shift that only relieves the tissue, still to be made \[m\].
     pub(super) unload: Vector2<f64>,
     /// Mean curvature wanted of the bevel, as a fraction of the full one.
     pub(super) curvature: Vector2<f64>,
     /// What stays out of reach \[m\]; negative: what is left of the reach.
     pub(super) shortfall: f64,
     bound: [bool; 4],
-}
-
-/// A plan as others may show it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PlanSummary {
-    /// Pivot \[rad\].
-    pub pivot: [f64; 2],
-    /// Shift \[m\].
-    pub shift: [f64; 2],
-    /// Curvature, fraction.
-    pub curvature: [f64; 2],
 }
 
 impl Plan {
@@ -187,8 +176,8 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
     let residual = (r.miss / MILLIMETRE - miss * x).norm() * MILLIMETRE;
     let reach = r.bevel + r.pivot.max(0.0) * pivot_most + (-r.shift).max(0.0) * shift_most;
     let binds = |group: usize| (0..SIDES).any(|i| first.multipliers[group * SIDES + i] > 1e-6);
-    let unload = if s.unload && r.entry_per_shift.abs() > 0.05 {
-        -r.entry_stretch / r.entry_per_shift * (1.0 - shift_fade)
+    let unload = if s.unload {
+        view.estimator.relief() * (1.0 - shift_fade)
     } else {
         Vector2::zeros()
     };
@@ -205,14 +194,4 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
         },
         bound: [binds(0), binds(1), binds(2), binds(3)],
     })
-}
-
-impl From<&Plan> for PlanSummary {
-    fn from(plan: &Plan) -> Self {
-        Self {
-            pivot: super::pair(&plan.pivot),
-            shift: super::pair(&plan.shift),
-            curvature: super::pair(&plan.curvature),
-        }
-    }
 }
