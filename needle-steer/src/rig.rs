@@ -6,7 +6,7 @@ use std::time::Duration;
 use hal::frame::{ArmBase, LeftCamera, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::{Arm, Clock, Recorded, ShapeSensor, Transform};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
 use phantom::{Bench, SettingsError, bench::Setup};
 use robots::arms;
@@ -108,14 +108,7 @@ impl Rig {
     pub fn new(config: &Config) -> Result<Self, RigBuildError> {
         let chain = chain(config)?;
         let world_from_arm_base = arm_place(config);
-        let start = config.world_from_start_base();
-        let in_arm_base = world_from_arm_base.isometry().inverse() * start;
-        let joints = start_joints(&chain, &in_arm_base).ok_or_else(|| {
-            let p = start.translation.vector * 1e3;
-            RigBuildError::StartUnreachable {
-                position_mm: [p.x, p.y, p.z],
-            }
-        })?;
+        let (start, joints) = start_pose(config, &chain, &world_from_arm_base)?;
 
         let settings =
             phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
@@ -243,6 +236,39 @@ fn arm_place(config: &Config) -> Transform<World, ArmBase> {
         Translation3::new(x, y, z),
         UnitQuaternion::from_euler_angles(roll, pitch, yaw),
     ))
+}
+
+/// Start pose of the needle's base and the joints for it. The needle's roll is free: it is chosen
+/// so that the last joint starts at zero, with all of its travel in both senses.
+fn start_pose(
+    config: &Config,
+    chain: &Chain,
+    world_from_arm_base: &Transform<World, ArmBase>,
+) -> Result<(Isometry3<f64>, hal::Joints), RigBuildError> {
+    let start = config.world_from_start_base();
+    let p = start.translation.vector * 1e3;
+    let unreachable = || RigBuildError::StartUnreachable {
+        position_mm: [p.x, p.y, p.z],
+    };
+    let reach = |pose: &Isometry3<f64>| {
+        start_joints(chain, &(world_from_arm_base.isometry().inverse() * pose))
+    };
+    let mut joints = reach(&start).ok_or_else(unreachable)?;
+    let roll = joints.last().copied().unwrap_or(0.0);
+    let turned = start * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -roll);
+    if let Some(last) = joints.last_mut() {
+        *last = 0.0;
+    }
+    // An arm whose last joint does not turn about the needle keeps the first pose.
+    let reached = world_from_arm_base.isometry() * chain.forward(&joints);
+    if (reached.to_homogeneous() - turned.to_homogeneous())
+        .abs()
+        .max()
+        < 1e-6
+    {
+        return Ok((turned, joints));
+    }
+    Ok((start, reach(&start).ok_or_else(unreachable)?))
 }
 
 /// The branch with most room: far from singularities and from the ends of the joints, its last

@@ -450,13 +450,12 @@ impl Plant for RodPlant {
             let target = if i == count {
                 pose
             } else {
-                Isometry3::from_parts(
-                    from.translation
-                        .vector
-                        .lerp(&pose.translation.vector, share)
-                        .into(),
-                    from.rotation * UnitQuaternion::from_scaled_axis(screw * share),
-                )
+                let place = from
+                    .translation
+                    .vector
+                    .lerp(&pose.translation.vector, share);
+                let turned = from.rotation * UnitQuaternion::from_scaled_axis(screw * share);
+                Isometry3::from_parts(place.into(), turned)
             };
             self.step(&target, dt / steps);
         }

@@ -107,7 +107,8 @@ fn a_pause_holds_still_and_a_resumed_run_ends_at_its_target() {
 #[test]
 fn a_retraction_leads_back_to_the_start() {
     let mut config = short_insertion();
-    config.run.law = "tip-only".into();
+    config.run.law = "hybrid".into();
+    config.target.depth_mm = 40.0;
     let mut rig = Rig::new(&config).unwrap();
     let (summary, steps) = insert(&config, &mut rig, |controls, t| {
         if t.step == 500 {

@@ -1,0 +1,70 @@
+//! What the estimator is told, and what it answers to that.
+
+use hal::Stamp;
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+
+use crate::view::Entry;
+
+/// What is known at the start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Free length of the needle from its base to O \[m\].
+    pub length: f64,
+    /// Bending stiffness E I \[N m2\].
+    pub bending_stiffness: f64,
+    /// The entry.
+    pub entry: Entry,
+    /// Pose of the base with the tip at the surface, or at the present depth.
+    pub world_from_base: Isometry3<f64>,
+}
+
+/// Why an estimator cannot start.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum EstimatorError {
+    /// A number is not positive and finite.
+    #[error("{quantity} is {value}; a positive, finite number is needed")]
+    NotPositive {
+        /// What it is.
+        quantity: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The needle does not point into the tissue.
+    #[error(
+        "the needle's axis is {angle_deg} degrees off the surface's normal; at most 60 are possible"
+    )]
+    Askew {
+        /// Angle between needle and normal \[deg\].
+        angle_deg: f64,
+    },
+}
+
+/// One measurement of the needle, everything in World.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation<'a> {
+    /// Exposure.
+    pub stamp: Stamp,
+    /// Base pose at the exposure.
+    pub world_from_base: Isometry3<f64>,
+    /// The tip O \[m\].
+    pub position: Point3<f64>,
+    /// Its standard deviation across the axis \[m\].
+    pub position_sigma: f64,
+    /// Tip axis.
+    pub direction: Unit<Vector3<f64>>,
+    /// Its standard deviation, per axis \[rad\].
+    pub direction_sigma: f64,
+    /// Visible points of the shaft and their standard deviations \[m\]; may be empty.
+    pub shaft: &'a [(Point3<f64>, f64)],
+}
+
+/// What became of a measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Health {
+    /// Taken in.
+    Used,
+    /// Not newer than the one before.
+    Stale,
+    /// Holds a number that is not finite, or no spread.
+    Rejected,
+}
