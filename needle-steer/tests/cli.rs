@@ -1,5 +1,9 @@
 //! Smoke tests of the command line: exit codes, messages, files.
-#![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stderr,
+    reason = "a failed step is a failed test; a skipped one says so"
+)]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -220,6 +224,99 @@ fn the_viper_back_end_ends_at_the_target_too() {
         summary["true_error_mm"].as_f64().unwrap() < 0.3,
         "{summary}"
     );
+}
+
+#[cfg(unix)]
+#[test]
+fn the_emulated_controller_listens_until_it_is_interrupted() {
+    use std::io::{BufRead, BufReader};
+    let mut child = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+        .args([
+            "emulate",
+            "viper",
+            "--motion-port",
+            "0",
+            "--state-port",
+            "0",
+        ])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    for name in ["motion", "state"] {
+        let line = lines.next().unwrap().unwrap();
+        let (kind, address) = line.split_once(' ').unwrap();
+        assert_eq!(kind, name);
+        let address: std::net::SocketAddr = address.parse().unwrap();
+        assert!(address.ip().is_loopback());
+        std::net::TcpStream::connect_timeout(&address, std::time::Duration::from_secs(5)).unwrap();
+    }
+    let pid = child.id().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &pid])
+            .status()
+            .unwrap()
+            .success()
+    );
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}
+
+/// The photographs, where there are any.
+fn photographs(side: &str) -> Option<Vec<String>> {
+    let folder = std::env::var_os("NEEDLE_STEER_REFERENCE")?;
+    let name = |k: usize| Path::new(&folder).join(format!("stereo/{side}{k:02}.jpg"));
+    Some(
+        (1..=9)
+            .map(|k| name(k).to_str().unwrap().to_owned())
+            .collect(),
+    )
+}
+
+#[test]
+fn a_calibration_from_photographs_writes_its_four_files() {
+    let (Some(left), Some(right)) = (photographs("left"), photographs("right")) else {
+        eprintln!("skipped: NEEDLE_STEER_REFERENCE is not set");
+        return;
+    };
+    let out = folder("calibrate");
+    let place = out.join("rig");
+    let calibrate = |board: &str, right: &[String]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_needle-steer"));
+        command.args([
+            "calibrate",
+            "stereo",
+            "--board",
+            board,
+            "--square-mm",
+            "25",
+            "--json",
+        ]);
+        command.arg("--out").arg(&place);
+        command.arg("--left").args(&left).arg("--right").args(right);
+        command.output().unwrap()
+    };
+    let wrong = calibrate("8x6", &right);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(stderr(&wrong).contains("left01.jpg"), "{}", stderr(&wrong));
+    let unpaired = calibrate("9x6", &right[..8]);
+    assert_eq!(unpaired.status.code(), Some(2));
+    assert!(!place.exists(), "a refused calibration wrote something");
+    let output = calibrate("9x6", &right);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    // The RMS that OpenCV 5 reaches on these nine pairs, rounded up.
+    assert!(
+        result["joint_rms_px"].as_f64().unwrap() <= 0.2184,
+        "{result}"
+    );
+    assert!(result["rectified_dy_rms_px"].as_f64().unwrap() <= 0.175);
+    assert_eq!(result["corners_px"].as_object().unwrap().len(), 18);
+    assert!(result["rejected"].as_array().unwrap().is_empty());
+    for file in ["report.html", "left.yaml", "right.yaml", "stereo.yml"] {
+        assert!(place.join(file).metadata().unwrap().len() > 500, "{file}");
+    }
 }
 
 #[test]

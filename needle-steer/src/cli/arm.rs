@@ -131,7 +131,7 @@ fn pose(text: &str) -> Result<Isometry3<f64>, Usage> {
 }
 
 /// Exactly `count` finite numbers, separated by commas or white space.
-fn numbers(text: &str, count: usize, option: &str) -> Result<Vec<f64>, Usage> {
+pub(super) fn numbers(text: &str, count: usize, option: &str) -> Result<Vec<f64>, Usage> {
     let values: Result<Vec<f64>, Usage> = text
         .split(|c: char| c == ',' || c.is_whitespace())
         .filter(|part| !part.is_empty())

@@ -3,6 +3,7 @@
 
 mod arm;
 mod calibrate;
+mod emulate;
 mod model;
 mod reproduce;
 mod run;
@@ -34,6 +35,9 @@ enum Command {
     /// Camera calibration and registration.
     #[command(subcommand)]
     Calibrate(calibrate::CalibrateCommand),
+    /// Emulated hardware.
+    #[command(subcommand)]
+    Emulate(emulate::EmulateCommand),
     /// Forward kinematics of an arm: pose and Jacobian of a link.
     Fk(arm::FkArgs),
     /// Inverse kinematics of an arm: every joint vector that reaches a pose.
@@ -66,6 +70,8 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     match dispatch(cli) {
         Ok(code) => code,
+        // The reader of stdout has seen enough, as `head` has.
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             report(&error);
             let usage = error.downcast_ref::<config::ConfigError>().is_some()
@@ -92,6 +98,11 @@ fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
     Ok(())
 }
 
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    let broken = |e: &std::io::Error| e.kind() == std::io::ErrorKind::BrokenPipe;
+    error.downcast_ref().is_some_and(broken)
+}
+
 /// One line for the error, one for each cause.
 fn report(error: &anyhow::Error) {
     let mut stderr = std::io::stderr().lock();
@@ -110,6 +121,7 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Reproduce(args) => return reproduce::execute(&args),
         Command::Shape(args) => return model::shape(&args),
         Command::Calibrate(command) => return calibrate::execute(&command),
+        Command::Emulate(command) => return emulate::execute(&command),
         Command::Fk(args) => return arm::fk(&args),
         Command::Ik(args) => return arm::ik(&args),
         Command::Check { config } => {
