@@ -105,6 +105,67 @@ fn steady_cutting_has_its_closed_form() {
     println!("at 4 lambda: {}", early * l * l / (2.0 * ei * gamma));
 }
 
+/// Tip slope relative to the path's, over -gamma, and reaction over 2 E I gamma / lambda^2, for a
+/// needle and a path on one arc of curvature 2 gamma / lambda.
+fn on_the_steady_arc(depths: f64, length: f64, k: f64, gamma: f64) -> [f64; 2] {
+    let l = lambda(k);
+    let (curvature, depth) = (2.0 * gamma / l, depths * l);
+    let needle = Needle::new(length, 0.7e-3, 0.48e-3, 200e9).unwrap();
+    let arc = |z: f64| Vector3::new(curvature * z * z / 2.0, 0.0, z);
+    let start = depth - length;
+    let turn =
+        UnitQuaternion::rotation_between(&Vector3::z(), &Vector3::new(curvature * start, 0.0, 1.0));
+    let base = Isometry3::from_parts(Translation3::from(arc(start)), turn.unwrap());
+    // Straight chords in place of the arc: an error of (spacing / lambda)^2 / 12.
+    let path = (0..=2000).map(|i| arc(depth * f64::from(i) / 2000.0));
+    let frame = Isometry3::identity();
+    let law = PathLaw::default();
+    let on_arc = Prediction::new(&needle, &tissue(k), law, &frame, &base, path).unwrap();
+    let (slope, reaction) = on_arc.tip_now().unwrap();
+    let ei = Needle::biopsy().bending_stiffness();
+    [
+        (curvature * depth - slope.x) / gamma,
+        reaction.x * l * l / (2.0 * ei * gamma),
+    ]
+}
+
+#[test]
+fn steady_cutting_holds_at_four_wavelengths_once_it_is_steady() {
+    // Needle length, then curvature and reaction over the closed form from a straight start.
+    let from_straight = [
+        (0.126, 0.98845, 0.96874),
+        (0.4, 0.97133, 0.94000),
+        (1.0, 0.96697, 0.93158),
+    ];
+    let (k, gamma, depths) = (5e4, 0.01, 4.0);
+    let (l, ei) = (lambda(k), Needle::biopsy().bending_stiffness());
+    for (length, curvature, reaction) in from_straight {
+        // Already on the arc, only the discretisation and the decay over 4 lambda remain.
+        for ratio in on_the_steady_arc(depths, length, k, gamma) {
+            assert!((ratio - 1.0).abs() < 2.5e-3, "{length} m: {ratio}");
+        }
+        // From a straight start the transient is not over: values as measured, for the record.
+        let law = PathLaw {
+            bias: Vector2::new(gamma, 0.0),
+            bias_decay: f64::INFINITY,
+            ..PathLaw::default()
+        };
+        let p = straight(length, k, 0.002, 0.5e-3, law);
+        let at = |d: f64| p.roll_out(d, 0.25e-3).unwrap();
+        let (ahead, behind) = (at(depths * l + 1e-3), at(depths * l - 1e-3));
+        let found = (ahead.slope.x - behind.slope.x) / 2e-3 * l / (2.0 * gamma);
+        assert!(
+            (found - curvature).abs() < 1e-3,
+            "{length} m: curvature {found}"
+        );
+        let found = at(depths * l).reaction.x * l * l / (2.0 * gamma * ei);
+        assert!(
+            (found - reaction).abs() < 1e-3,
+            "{length} m: reaction {found}"
+        );
+    }
+}
+
 fn bent(holder: [f64; 4], law: PathLaw) -> Prediction {
     let base = Isometry3::from_parts(
         Translation3::new(holder[0], holder[1], -0.1),
