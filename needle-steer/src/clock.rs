@@ -48,19 +48,35 @@ impl fmt::Debug for LockstepClock {
     }
 }
 
+/// Wall-clock time since an origin; may be read from any thread.
+#[derive(Clone, Copy, Debug)]
+pub struct WallTime(Instant);
+
+impl WallTime {
+    /// Time that counts from now on.
+    #[expect(clippy::disallowed_methods, reason = "this is the clock of the edge")]
+    pub fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    /// The present time.
+    pub fn now(&self) -> Stamp {
+        Stamp::ZERO + self.0.elapsed()
+    }
+}
+
 /// Wall-clock time since the clock was made; drives a simulated world, if there is one, in step.
 pub struct WallClock {
-    origin: Instant,
+    origin: WallTime,
     tick: Duration,
     advance: Option<Box<dyn FnMut(Stamp) + Send>>,
 }
 
 impl WallClock {
     /// A clock that starts now.
-    #[expect(clippy::disallowed_methods, reason = "this is the clock of the edge")]
     pub fn new() -> Self {
         Self {
-            origin: Instant::now(),
+            origin: WallTime::start(),
             tick: Duration::from_millis(4),
             advance: None,
         }
@@ -85,7 +101,7 @@ impl Default for WallClock {
 
 impl Clock for WallClock {
     fn now(&self) -> Stamp {
-        Stamp::ZERO + self.origin.elapsed()
+        self.origin.now()
     }
 
     #[expect(clippy::disallowed_methods, reason = "this is the clock of the edge")]

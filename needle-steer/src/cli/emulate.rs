@@ -7,13 +7,13 @@ use std::sync::{Arc, mpsc};
 
 use anyhow::Context;
 use clap::{Args, Subcommand, ValueEnum};
-use hal::{Clock, Joints};
+use hal::Joints;
 use robots::viper::emulator::{EmulatorConfig, Server};
 use robots::viper::{Dialect, Emulator};
 
 use super::Usage;
 use super::arm::numbers;
-use crate::clock::WallClock;
+use crate::clock::WallTime;
 
 /// Emulated hardware.
 #[derive(Debug, Subcommand)]
@@ -68,7 +68,7 @@ pub(super) fn execute(command: &EmulateCommand) -> anyhow::Result<ExitCode> {
         let _ = interrupt.send(());
     })
     .context("installing the signal handler")?;
-    let clock = WallClock::new();
+    let clock = WallTime::start();
     let server = Server::start(
         Emulator::new(EmulatorConfig::viper(dialect, start)),
         args.listen,
