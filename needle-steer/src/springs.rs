@@ -6,7 +6,7 @@ use hybrid_control::view::Springs;
 use nalgebra::{Isometry3, RowVector6, Vector3};
 use needle_model::{
     Bevel, BevelError, Insertion, InsertionError, InsertionSettings, Needle, NeedleError,
-    Sensitivities, Tissue, TissueError,
+    Sensitivities, TangentError, Tissue, TissueError,
 };
 
 use crate::config::Config;
@@ -29,9 +29,12 @@ pub enum SpringsError {
     /// The tissue.
     #[error(transparent)]
     Tissue(#[from] TissueError),
-    /// The start.
+    /// The start, or a step of the insertion.
     #[error(transparent)]
     Insertion(#[from] InsertionError),
+    /// The equilibrium has no derivatives.
+    #[error(transparent)]
+    Tangent(#[from] TangentError),
 }
 
 /// The needle of the configuration.
@@ -106,9 +109,7 @@ impl SpringsModel {
         }
         self.insertion.insert(world_from_base, measured_tip)?;
         let needle = self.insertion.equilibrium_mut();
-        needle
-            .sensitivities(&mut self.sensitivities)
-            .map_err(|_| SpringsError::Insertion(InsertionError::Event { gap_m: f64::NAN }))?;
+        needle.sensitivities(&mut self.sensitivities)?;
         let gradient = self.sensitivities.mean_stretch(needle);
         Ok(Springs {
             world_from_tip: needle.world_from_tip(),

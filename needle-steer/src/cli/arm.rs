@@ -153,6 +153,6 @@ pub(super) fn numbers(text: &str, count: usize, option: &str) -> Result<Vec<f64>
     }
 }
 
-fn rows(m: &Matrix4<f64>) -> [[f64; 4]; 4] {
+pub(super) fn rows(m: &Matrix4<f64>) -> [[f64; 4]; 4] {
     core::array::from_fn(|i| core::array::from_fn(|j| m[(i, j)]))
 }

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::{Args, Subcommand};
 use hal::GrayImage;
-use nalgebra::{Matrix4, Point2};
+use nalgebra::Point2;
 use serde::Serialize;
 use vision::calibrate::{
     Board, BoardPair, RejectReason, Rejected, StereoCalibration, StereoOptions, calibrate_stereo,
@@ -18,6 +18,7 @@ use vision::files::{StereoFile, camera_info, read_images, read_stereo, stereo_ym
 use vision::register::{RegistrationFile, read_poses, register};
 use vision::report::calibration_report;
 
+use super::arm::rows;
 use super::{Usage, print_json};
 
 /// Camera calibration and registration.
@@ -241,10 +242,6 @@ fn camera_output(camera: &Camera) -> CameraOutput {
         camera_matrix: core::array::from_fn(|i| core::array::from_fn(|j| k[(i, j)])),
         distortion: camera.distortion.to_array(),
     }
-}
-
-fn rows(m: &Matrix4<f64>) -> [[f64; 4]; 4] {
-    core::array::from_fn(|i| core::array::from_fn(|j| m[(i, j)]))
 }
 
 fn print_stereo(c: &StereoCalibration, out: &Path) -> std::io::Result<()> {
