@@ -58,7 +58,7 @@ impl RosCameras {
         let clock = node.clock();
         let pairing = Arc::new(Mutex::new(Pairing::new(options.tolerance)));
         for (topic, side) in [(&options.left, Side::Left), (&options.right, Side::Right)] {
-            let pairing = Arc::clone(&pairing);
+            let (pairing, clock) = (Arc::clone(&pairing), clock.clone());
             Inlet::open::<sensor_msgs::Image>(node, topic, 2, move |message| {
                 let stamp = clock.run_stamp(message.header.stamp);
                 // Images of another encoding are no images: the cameras stay silent.

@@ -2,18 +2,24 @@
 //! [`RosCameras`](crate::cameras::RosCameras) find on the other side.
 //!
 //! Like an arm under `ros_control`, it has no enabling of its own: velocities move it, and it
-//! stops when they stop. `~stop`, `~clear_fault` and `~enable` are offered beside.
+//! stops when they stop. `~stop`, `~clear_fault` and `~enable` are offered beside, and the
+//! topics of [`motion`](crate::motion). A [`LabNode`] is the arm with the rest of a laboratory.
+
+mod lab;
 
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use hal::{Arm, ArmMode, Error, ErrorKind, Joints, RateCommand, Stamp, StereoFrame};
+use hal::{Arm, ArmMode, ArmState, Error, ErrorKind, Joints, RateCommand, Stamp, StereoFrame};
 
 use crate::bridge::{CameraModel, CameraOutlet, Command, Received, Request, Requests};
-use crate::msg::{sensor_msgs, std_msgs};
+pub use lab::{LabNode, Seen};
+
+use crate::motion::{Hand, ToRates};
+use crate::msg::{industrial_msgs, sensor_msgs, std_msgs};
 use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, lock};
-use crate::{convert, display};
+use crate::{convert, display, status};
 
 /// Age at which velocities are dropped and the arm is stopped.
 const AGE_LIMIT: Duration = Duration::from_millis(100);
@@ -26,8 +32,11 @@ pub struct ArmNode {
     clock: NodeClock,
     joint_names: Vec<String>,
     joint_states: Outlet<sensor_msgs::JointState>,
+    robot_status: Outlet<industrial_msgs::RobotStatus>,
     cameras: Option<[CameraOutlet; 2]>,
     newest: Newest,
+    hand: Hand,
+    to_rates: Box<ToRates>,
     requests: Receiver<Received>,
     sequence: u64,
     allowed: bool,
@@ -71,6 +80,9 @@ impl ArmNode {
         Ok(Self {
             clock: node.clock(),
             joint_states: Outlet::new(node, "joint_states", 10, false)?,
+            robot_status: Outlet::new(node, "robot_status", 10, false)?,
+            hand: Hand::new(node, &joint_names)?,
+            to_rates: Box::new(|q, _, _| q.zeroed()),
             joint_names,
             cameras,
             newest,
@@ -81,41 +93,84 @@ impl ArmNode {
         })
     }
 
+    /// Lets twists on `twist_cmd` move the arm; without kinematics they do not.
+    #[must_use]
+    pub fn with_kinematics(mut self, to_rates: Box<ToRates>) -> Self {
+        self.to_rates = to_rates;
+        self
+    }
+
     /// One period: hands new velocities to `arm`, stops it when they have stopped, publishes its
     /// state. `now` is the arm's clock.
     ///
     /// # Errors
     /// The arm has no state, or refuses what it should take.
     pub fn step(&mut self, arm: &mut dyn Arm, now: Stamp) -> Result<(), Error> {
+        self.answer(arm);
+        self.command(arm, now)?;
+        let state = arm.state()?;
+        self.joint_states.send(self.feedback(&state));
+        self.robot_status.send(self.status(&state));
+        Ok(())
+    }
+
+    /// Answers services.
+    pub fn answer(&mut self, arm: &mut dyn Arm) {
         while let Some(request) = self.requests.try_iter().find_map(Received::fresh) {
             self.obey(arm, request);
         }
+    }
+
+    /// Velocities for the next [`command`](Self::command), as if they had come over the topic.
+    pub(crate) fn put(&self, rates: Joints) {
+        *lock(&self.newest) = Some((self.clock.now(), rates));
+    }
+
+    /// Hands new velocities to `arm`, or stops it when they have stopped.
+    pub(crate) fn command(&mut self, arm: &mut dyn Arm, now: Stamp) -> Result<(), Error> {
         let state = arm.state()?;
+        let present = self.clock.now();
         let velocities = lock(&self.newest).take();
-        if let Some((arrived, rates)) = velocities
-            && self.clock.now().since(arrived) <= AGE_LIMIT
-        {
-            self.streaming = Some(arrived);
-            self.drive(arm, state.mode, now, rates)?;
+        let velocities = velocities.filter(|(arrived, _)| present.since(*arrived) <= AGE_LIMIT);
+        let by_hand = self.hand.rates(present, &state, &*self.to_rates);
+        let rates = match velocities {
+            Some((_, rates)) => {
+                // Who streams velocities has the arm.
+                self.hand.drop_all();
+                Some(rates)
+            }
+            None => by_hand,
+        };
+        if let Some(rates) = rates {
+            self.streaming = Some(present);
+            self.drive(arm, state.mode, now, rates)
         } else if self
             .streaming
-            .is_some_and(|last| self.clock.now().since(last) > AGE_LIMIT)
+            .is_some_and(|last| present.since(last) > AGE_LIMIT)
         {
             self.streaming = None;
-            arm.stop()?;
+            arm.stop()
+        } else {
+            Ok(())
         }
+    }
+
+    pub(crate) fn feedback(&self, state: &ArmState) -> sensor_msgs::JointState {
         let header = convert::header(self.clock.ros_stamp(state.stamp), "", 0);
         let values = [&state.positions, &state.rates];
-        self.joint_states
-            .send(display::joint_state(header, &self.joint_names, values));
-        Ok(())
+        display::joint_state(header, &self.joint_names, values)
+    }
+
+    pub(crate) fn status(&self, state: &ArmState) -> industrial_msgs::RobotStatus {
+        let header = convert::header(self.clock.ros_stamp(self.clock.now()), "", 0);
+        status::of_arm(header, state.mode)
     }
 
     /// Publishes a pair of images.
     pub fn show_images(&self, frame: &StereoFrame) {
         if let Some([left, right]) = &self.cameras {
-            left.send(self.clock, &frame.left);
-            right.send(self.clock, &frame.right);
+            left.send(&self.clock, &frame.left);
+            right.send(&self.clock, &frame.right);
         }
     }
 

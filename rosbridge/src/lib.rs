@@ -5,7 +5,9 @@
 //! * [`msg`]: the messages, generated from `msgs` at build time.
 //! * [`bridge`]: a run on topics, and requests from services.
 //! * [`arm`], [`cameras`]: the back end: devices behind topics.
-//! * [`emulator`]: the other side of the back end: an arm and cameras as a node.
+//! * [`laboratory`], [`lockstep`]: an emulated laboratory, and its time moved by the controller.
+//! * [`emulator`]: the other side of the back end: an arm, cameras, a laboratory as a node.
+//! * [`motion`]: an arm moved by hand: twists and joint trajectories.
 //! * [`log`]: a run as an MCAP file of ROS 1 messages, written while it goes, and read back
 //!   bit by bit.
 //!
@@ -19,9 +21,13 @@ mod codes;
 pub mod convert;
 mod display;
 pub mod emulator;
+pub mod laboratory;
+pub mod lockstep;
 pub mod log;
+pub mod motion;
 pub mod msg;
 mod seam;
+mod status;
 mod step;
 
 pub use convert::ConvertError;

@@ -4,8 +4,8 @@
 //! Lengths are metres, angles radians, `world` is the laboratory; each definition says the rest.
 
 pub use generated::{
-    diagnostic_msgs, geometry_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs, std_msgs,
-    std_srvs, tf2_msgs, trajectory_msgs, visualization_msgs,
+    diagnostic_msgs, geometry_msgs, industrial_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs,
+    std_msgs, std_srvs, tf2_msgs, trajectory_msgs, visualization_msgs,
 };
 
 #[allow(
@@ -23,11 +23,14 @@ mod generated {
         geometry_msgs / PointStamped,
         geometry_msgs / PoseStamped,
         geometry_msgs / TwistStamped,
+        industrial_msgs / RobotStatus,
+        needle_steer_msgs / Advance,
         needle_steer_msgs / ArmState,
         needle_steer_msgs / RateCommand,
         needle_steer_msgs / Shape,
         needle_steer_msgs / State,
         needle_steer_msgs / Step,
+        needle_steer_msgs / World,
         rosgraph_msgs / Clock,
         rosgraph_msgs / Log,
         sensor_msgs / CameraInfo,
@@ -91,6 +94,10 @@ mod tests {
         check::<diagnostic_msgs::DiagnosticArray>(
             "diagnostic_msgs/DiagnosticArray",
             "60810da900de1dd6ddd437c3503511da",
+        );
+        check::<industrial_msgs::RobotStatus>(
+            "industrial_msgs/RobotStatus",
+            "b733cb45a38101840b75c4c0d6093d19",
         );
         check::<rosgraph_msgs::Clock>("rosgraph_msgs/Clock", "a9c97c1d230cfc112e270351a944ee47");
         check::<rosgraph_msgs::Log>("rosgraph_msgs/Log", "acffd30cd6b6de30f120938c17c593fb");

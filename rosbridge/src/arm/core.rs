@@ -56,6 +56,12 @@ pub enum Refused {
         /// The fault.
         reason: FaultReason,
     },
+    /// The robot's controller says that it cannot move.
+    #[error("the robot's controller reports {reason:?}; clear it there first")]
+    Hindered {
+        /// What it says.
+        reason: FaultReason,
+    },
     /// A value is not finite.
     #[error("a rate is not finite")]
     NonFinite,
@@ -90,7 +96,7 @@ impl Refused {
             Self::NoFeedback => ErrorKind::Disconnected,
             Self::StaleFeedback { .. } => ErrorKind::Timeout,
             Self::Mode { .. } => ErrorKind::WrongMode,
-            Self::Faulted { .. } => ErrorKind::Faulted,
+            Self::Faulted { .. } | Self::Hindered { .. } => ErrorKind::Faulted,
             Self::NonFinite | Self::Size { .. } | Self::Sequence { .. } | Self::Late { .. } => {
                 ErrorKind::Rejected
             }
@@ -115,7 +121,7 @@ struct Accepted {
 }
 
 /// The arm as this side knows it.
-pub(super) struct Core {
+pub(crate) struct Core {
     guard: Guard,
     timing: ArmTiming,
     tolerance: f64,
@@ -124,6 +130,8 @@ pub(super) struct Core {
     feedback: Option<Feedback>,
     command: Option<Accepted>,
     last_sequence: Option<u64>,
+    /// Why the robot's controller cannot move it, where it says so.
+    hindrance: Option<FaultReason>,
     /// Where the arm should be if it executes what was sent.
     reference: Joints,
     zeros: Joints,
@@ -131,7 +139,7 @@ pub(super) struct Core {
 }
 
 impl Core {
-    pub(super) fn new(
+    pub(crate) fn new(
         description: &ArmDescription,
         timing: ArmTiming,
         tolerance: f64,
@@ -148,6 +156,7 @@ impl Core {
             feedback: None,
             command: None,
             last_sequence: None,
+            hindrance: None,
             reference: zeros,
             zeros,
             closed: false,
@@ -155,7 +164,7 @@ impl Core {
     }
 
     /// Takes in feedback that arrived at `now`; missing rates are differences.
-    pub(super) fn feedback(
+    pub(crate) fn feedback(
         &mut self,
         now: Stamp,
         stamp: Stamp,
@@ -180,7 +189,12 @@ impl Core {
         }
     }
 
-    pub(super) fn state(&self, now: Stamp) -> Result<ArmState, Refused> {
+    /// Takes in what the robot's controller says of itself.
+    pub(crate) fn robot(&mut self, hindrance: Option<FaultReason>) {
+        self.hindrance = hindrance;
+    }
+
+    pub(crate) fn state(&self, now: Stamp) -> Result<ArmState, Refused> {
         let feedback = self.fresh(now)?;
         Ok(ArmState {
             stamp: feedback.stamp,
@@ -190,11 +204,14 @@ impl Core {
         })
     }
 
-    pub(super) fn enable(&mut self, now: Stamp) -> Result<(), Refused> {
+    pub(crate) fn enable(&mut self, now: Stamp) -> Result<(), Refused> {
         match self.mode {
             ArmMode::Connected => {}
             ArmMode::Faulted(reason) => return Err(Refused::Faulted { reason }),
             mode => return Err(Refused::Mode { mode }),
+        }
+        if let Some(reason) = self.hindrance {
+            return Err(Refused::Hindered { reason });
         }
         let positions = self.fresh(now)?.positions;
         self.reference = positions;
@@ -204,7 +221,7 @@ impl Core {
         Ok(())
     }
 
-    pub(super) fn command(&mut self, now: Stamp, command: &RateCommand) -> Result<(), Refused> {
+    pub(crate) fn command(&mut self, now: Stamp, command: &RateCommand) -> Result<(), Refused> {
         match self.mode {
             ArmMode::Enabled | ArmMode::Moving => {}
             ArmMode::Faulted(reason) => return Err(Refused::Faulted { reason }),
@@ -241,7 +258,7 @@ impl Core {
         Ok(())
     }
 
-    pub(super) fn stop(&mut self) {
+    pub(crate) fn stop(&mut self) {
         self.command = None;
         if matches!(self.mode, ArmMode::Enabled | ArmMode::Moving) {
             self.mode = if self.is_rest() {
@@ -252,8 +269,11 @@ impl Core {
         }
     }
 
-    pub(super) fn reset(&mut self, now: Stamp) -> Result<(), Refused> {
+    pub(crate) fn reset(&mut self, now: Stamp) -> Result<(), Refused> {
         if let ArmMode::Faulted(reason) = self.mode {
+            if let Some(reason) = self.hindrance {
+                return Err(Refused::Hindered { reason });
+            }
             self.fresh(now)?;
             if !self.is_rest() || self.outside_limits() {
                 return Err(Refused::Faulted { reason });
@@ -264,22 +284,22 @@ impl Core {
     }
 
     /// From now on only comes to rest.
-    pub(super) fn close(&mut self) {
+    pub(crate) fn close(&mut self) {
         self.stop();
         self.closed = true;
     }
 
-    pub(super) const fn is_closed(&self) -> bool {
+    pub(crate) const fn is_closed(&self) -> bool {
         self.closed
     }
 
     /// Whether what was sent last is rest.
-    pub(super) fn is_rest(&self) -> bool {
+    pub(crate) fn is_rest(&self) -> bool {
         self.guard.motion().is_rest()
     }
 
     /// One period: the rates to send, if the arm is ours to command.
-    pub(super) fn tick(&mut self, now: Stamp) -> Option<Joints> {
+    pub(crate) fn tick(&mut self, now: Stamp) -> Option<Joints> {
         let feedback = self.feedback?;
         self.supervise(now, &feedback);
         let wanted = self.wanted(now);
@@ -313,6 +333,9 @@ impl Core {
             ArmMode::Enabled | ArmMode::Moving | ArmMode::Stopping
         ) {
             return;
+        }
+        if let Some(reason) = self.hindrance {
+            return self.fault(reason);
         }
         let off = self
             .reference

@@ -5,7 +5,7 @@
 //! [`hal::Arm`] lives on this side, since ROS topics have none: a robot that stops answering, or
 //! that is not where it was commanded to be, faults the arm.
 
-mod core;
+pub(crate) mod core;
 
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -15,8 +15,9 @@ use hal::guarded::LimiterError;
 use hal::{Arm, ArmDescription, ArmState, Error, Joints, RateCommand, Stamp};
 
 use crate::convert::ConvertError;
-use crate::msg::{sensor_msgs, std_msgs};
+use crate::msg::{industrial_msgs, sensor_msgs, std_msgs};
 use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, lock};
+use crate::status;
 use core::Core;
 pub use core::{ArmTiming, Refused};
 
@@ -36,6 +37,9 @@ pub struct RosArmOptions {
     pub joint_states: String,
     /// Topic of the velocities.
     pub velocities: String,
+    /// Topic of the state of the robot's controller (`industrial_msgs/RobotStatus`), for robots
+    /// that have one.
+    pub robot_status: String,
 }
 
 impl RosArmOptions {
@@ -47,6 +51,7 @@ impl RosArmOptions {
             tracking_tolerance: 0.05,
             joint_states: "joint_states".to_owned(),
             velocities: "joint_group_velocity_controller/command".to_owned(),
+            robot_status: "robot_status".to_owned(),
         }
     }
 }
@@ -68,6 +73,14 @@ pub enum RosArmError {
         /// Number of limits.
         limits: usize,
     },
+    /// No emulated laboratory answers.
+    #[error("no emulated laboratory in lockstep on topic {topic} within {seconds} s")]
+    NoLaboratory {
+        /// Where it was waited for.
+        topic: String,
+        /// How long \[s\].
+        seconds: u64,
+    },
     /// No thread for the arm.
     #[error("no thread for the arm")]
     Thread(#[source] std::io::Error),
@@ -88,18 +101,10 @@ impl RosArm {
     /// # Errors
     /// The master does not register the topics, or the description does not fit.
     pub fn new(node: &Node, options: RosArmOptions) -> Result<Self, RosArmError> {
-        let description = options.description;
-        let (names, limits) = (description.joint_names.clone(), description.limits.len());
-        if names.len() != limits {
-            return Err(RosArmError::Names {
-                names: names.len(),
-                limits,
-            });
-        }
-        let core = Core::new(&description, options.timing, options.tracking_tolerance)?;
-        let core = Arc::new(Mutex::new(core));
+        let mut arm = Self::undriven(node, &options)?;
+        let names = options.description.joint_names;
         let velocities = Outlet::new(node, &options.velocities, 1, false)?;
-        let (feedback, clock) = (Arc::clone(&core), node.clock());
+        let (feedback, clock) = (Arc::clone(&arm.core), node.clock());
         Inlet::open::<sensor_msgs::JointState>(node, &options.joint_states, 1, move |message| {
             // Messages of other devices on the same topic, or nonsense: feedback grows stale.
             if let Ok((positions, rates)) = feedback_of(&message, &names) {
@@ -107,17 +112,38 @@ impl RosArm {
                 lock(&feedback).feedback(clock.now(), stamp, positions, rates);
             }
         })?;
-        let (driven, clock, period) = (Arc::clone(&core), node.clock(), description.period);
+        let told = Arc::clone(&arm.core);
+        Inlet::open::<industrial_msgs::RobotStatus>(node, &options.robot_status, 1, move |m| {
+            lock(&told).robot(status::hindrance(&m));
+        })?;
+        let (driven, clock) = (Arc::clone(&arm.core), node.clock());
+        let period = options.description.period;
         let thread = std::thread::Builder::new()
             .name("ros-arm".to_owned())
             .spawn(move || drive(&driven, || clock.now(), period, &velocities))
             .map_err(RosArmError::Thread)?;
+        arm.thread = Some(thread);
+        Ok(arm)
+    }
+
+    /// An arm without topics, whose core somebody else drives.
+    pub(crate) fn undriven(node: &Node, options: &RosArmOptions) -> Result<Self, RosArmError> {
+        let description = options.description.clone();
+        let (names, limits) = (description.joint_names.len(), description.limits.len());
+        if names != limits {
+            return Err(RosArmError::Names { names, limits });
+        }
+        let core = Core::new(&description, options.timing, options.tracking_tolerance)?;
         Ok(Self {
             description,
             clock: node.clock(),
-            core,
-            thread: Some(thread),
+            core: Arc::new(Mutex::new(core)),
+            thread: None,
         })
+    }
+
+    pub(crate) fn core(&self) -> Arc<Mutex<Core>> {
+        Arc::clone(&self.core)
     }
 
     fn with_core<T>(

@@ -74,7 +74,7 @@ impl CameraOutlet {
     }
 
     /// Publishes an image where somebody listens.
-    pub(crate) fn send(&self, clock: NodeClock, frame: &CameraFrame) {
+    pub(crate) fn send(&self, clock: &NodeClock, frame: &CameraFrame) {
         let stamp = clock.ros_stamp(frame.stamp);
         if self.image.subscribers() > 0 {
             let mut image = convert::image(frame, self.frame);

@@ -68,6 +68,29 @@ pub struct BridgeOptions {
     pub frames: Frames,
     /// Left and right camera, where known.
     pub cameras: Option<[CameraModel; 2]>,
+    /// How often things are published on the wall clock.
+    pub rates: Rates,
+}
+
+/// Rates on the wall clock \[Hz\]; those below `joint_states_hz` are rounded to a part of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rates {
+    /// Of `joint_states`; at most 1000.
+    pub joint_states_hz: f64,
+    /// Of `/tf`, `needle/tip` and `needle/state`.
+    pub poses_hz: f64,
+    /// Of `needle/markers`.
+    pub markers_hz: f64,
+}
+
+impl Default for Rates {
+    fn default() -> Self {
+        Self {
+            joint_states_hz: 100.0,
+            poses_hz: 50.0,
+            markers_hz: 20.0,
+        }
+    }
 }
 
 /// What is to be shown next.

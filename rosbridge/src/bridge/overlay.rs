@@ -81,18 +81,20 @@ impl Canvas {
         }
     }
 
+    /// Three pixels wide, so that a viewer that shrinks the image keeps it.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "checked to lie inside the image"
     )]
     fn dot(&mut self, x: f64, y: f64, colour: [u8; 3]) {
-        let (x, y) = (x.round(), y.round());
-        let inside = x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
-        if inside {
-            let at = 3 * (y as usize * self.width + x as usize);
-            if let Some(pixel) = self.rgb.get_mut(at..at + 3) {
-                pixel.copy_from_slice(&colour);
+        for (dx, dy) in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy))) {
+            let (x, y) = (x.round() + f64::from(dx), y.round() + f64::from(dy));
+            if x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64 {
+                let at = 3 * (y as usize * self.width + x as usize);
+                if let Some(pixel) = self.rgb.get_mut(at..at + 3) {
+                    pixel.copy_from_slice(&colour);
+                }
             }
         }
     }
@@ -120,7 +122,7 @@ mod tests {
         let pixel = |x: usize, y: usize| &message.data[3 * (20 * y + x)..][..3];
         assert_eq!((message.step, message.data.len()), (60, 600));
         assert_eq!(pixel(2, 4), CURVE);
-        assert_eq!(pixel(6, 4), CURVE);
+        assert_eq!(pixel(4, 5), CURVE, "three pixels wide");
         assert_eq!(pixel(15, 9), TARGET);
         assert_eq!(pixel(0, 0), [7; 3]);
         assert_eq!(pixel(8, 3), [7; 3]);

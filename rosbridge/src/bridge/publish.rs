@@ -9,7 +9,7 @@ use hal::frame::World;
 use hal::{ArmState, Joints, Stamp, Telemetry};
 
 use super::cameras::CameraOutlet;
-use super::{BridgeOptions, Frames, Item, diagnostics};
+use super::{BridgeOptions, Frames, Item, Rates, diagnostics};
 use crate::convert;
 use crate::display;
 use crate::msg::{
@@ -18,11 +18,8 @@ use crate::msg::{
 };
 use crate::seam::{Node, NodeError, Outlet, TimeBase};
 
-/// Period of `joint_states`; everything else happens every so many of them.
-const TICK: Duration = Duration::from_millis(10);
-const POSES_EVERY: u64 = 2;
-const MARKERS_EVERY: u64 = 5;
-const DIAGNOSTICS_EVERY: u64 = 100;
+/// Shortest period of the thread.
+const SHORTEST: f64 = 1e-3;
 
 /// The topics and the newest state.
 pub(super) struct Publisher {
@@ -42,7 +39,34 @@ pub(super) struct Publisher {
     latest: Option<Arc<Telemetry>>,
     joints: Option<Sample>,
     next_markers: Stamp,
+    tick: Duration,
+    /// Ticks from one message to the next.
+    every: Every,
     ticks: u64,
+}
+
+/// What happens every so many ticks; a tick is a period of `joint_states`.
+#[derive(Clone, Copy)]
+struct Every {
+    poses: u64,
+    markers: u64,
+    diagnostics: u64,
+}
+
+impl Every {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "at least one, and a float-to-integer cast saturates"
+    )]
+    fn new(rates: &Rates) -> Self {
+        let every = |rate: f64| (rates.joint_states_hz / rate).round().max(1.0) as u64;
+        Self {
+            poses: every(rates.poses_hz),
+            markers: every(rates.markers_hz),
+            diagnostics: every(1.0),
+        }
+    }
 }
 
 /// Joint positions and rates, when they were true, and when they came.
@@ -59,12 +83,13 @@ impl Publisher {
         options: BridgeOptions,
         dropped: Arc<AtomicU64>,
     ) -> Result<Self, NodeError> {
-        let simulated = node.time_base() == TimeBase::Simulated;
+        let time = node.time_base();
+        let tick = (1.0 / options.rates.joint_states_hz).max(SHORTEST);
         let [left, right] = match options.cameras {
             Some(models) => models.map(Some),
             None => [None; 2],
         };
-        let clock = if simulated {
+        let clock = if time == TimeBase::Simulated {
             Some(Outlet::new(node, "/clock", 10, false)?)
         } else {
             None
@@ -95,6 +120,8 @@ impl Publisher {
             latest: None,
             joints: None,
             next_markers: Stamp::ZERO,
+            tick: Duration::try_from_secs_f64(tick).unwrap_or(Duration::from_millis(10)),
+            every: Every::new(&options.rates),
             ticks: 0,
             node: node.clone(),
         })
@@ -103,7 +130,8 @@ impl Publisher {
     /// Publishes until the run's side is dropped.
     #[expect(clippy::disallowed_methods, reason = "the rates are wall-clock rates")]
     pub(super) fn run(mut self, items: &Receiver<Item>) {
-        let mut next = Instant::now() + TICK;
+        let period = self.tick;
+        let mut next = Instant::now() + period;
         loop {
             match items.recv_timeout(next.saturating_duration_since(Instant::now())) {
                 Ok(item) => self.take(item),
@@ -113,10 +141,10 @@ impl Publisher {
             let now = Instant::now();
             if now >= next {
                 self.tick();
-                next += TICK;
-                if now > next + 10 * TICK {
+                next += period;
+                if now > next + 10 * period {
                     // The machine slept: go on from here instead of catching up.
-                    next = now + TICK;
+                    next = now + period;
                 }
             }
         }
@@ -135,7 +163,7 @@ impl Publisher {
                         rates: telemetry.joint_rates,
                     });
                 }
-                if self.clock.is_some() {
+                if self.is_simulated() {
                     self.step_of_simulation(&telemetry);
                 }
                 self.latest = Some(telemetry);
@@ -154,8 +182,8 @@ impl Publisher {
             }
             Item::Stereo(frame) => {
                 let [left, right] = &self.cameras;
-                left.send(self.node.clock(), &frame.left);
-                right.send(self.node.clock(), &frame.right);
+                left.send(&self.node.clock(), &frame.left);
+                right.send(&self.node.clock(), &frame.right);
             }
             Item::Overlay(overlay) => {
                 if self.overlay.subscribers() > 0 {
@@ -164,6 +192,13 @@ impl Publisher {
                 }
             }
         }
+    }
+
+    fn is_simulated(&self) -> bool {
+        matches!(
+            self.node.time_base(),
+            TimeBase::Simulated | TimeBase::Remote
+        )
     }
 
     /// On a simulated clock everything is published once, stamped with the run's own time.
@@ -187,21 +222,21 @@ impl Publisher {
         self.ticks += 1;
         let due = |every: u64| self.ticks.is_multiple_of(every);
         let stamp = self.node.clock().ros_stamp(self.node.clock().now());
-        if due(DIAGNOSTICS_EVERY) {
+        if due(self.every.diagnostics) {
             let dropped = self.dropped.load(Ordering::Relaxed);
             let message =
                 diagnostics::message(self.latest.as_deref(), stamp, self.node.name(), dropped);
             self.diagnostics.send(message);
         }
-        if self.clock.is_some() {
+        if self.is_simulated() {
             return;
         }
         self.send_joints(stamp);
         if let Some(telemetry) = &self.latest {
-            if due(POSES_EVERY) {
+            if due(self.every.poses) {
                 self.send_poses(telemetry, stamp);
             }
-            if due(MARKERS_EVERY) {
+            if due(self.every.markers) {
                 self.markers.send(display::markers(&at(telemetry, stamp)));
             }
         }

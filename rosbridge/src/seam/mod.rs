@@ -10,11 +10,14 @@ mod service;
 mod sockets;
 mod watch;
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use hal::Stamp;
+#[cfg(test)]
+pub(crate) use rosrust::Duration as Span;
 use rosrust::api::{Ros, resolve};
 pub(crate) use rosrust::{Message, RosMsg, Time};
 
@@ -26,6 +29,8 @@ use watch::Watch;
 /// Longest wait for the master at the start, and at the end.
 const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
 const SHUTDOWN_DEADLINE: Duration = Duration::from_secs(2);
+/// What stands for the origin of a simulated clock.
+const FIRST: Stamp = Stamp::from_nanos(1);
 
 /// What ROS time is on the run's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,8 +40,10 @@ pub enum TimeBase {
         /// Start of the run's clock.
         origin: Duration,
     },
-    /// The run's clock itself, published on `/clock`.
+    /// The run's clock itself, published on `/clock`; see [`Node::set_time`].
     Simulated,
+    /// The clock of another node, which publishes `/clock`; see [`Node::set_time`].
+    Remote,
 }
 
 /// How to become a ROS node.
@@ -134,18 +141,28 @@ struct Inner {
 }
 
 /// The node's time, without keeping the node alive.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct NodeClock {
     /// A stamp and the instant it belongs to.
     started: (Stamp, Instant),
     base: TimeBase,
+    /// Nanoseconds, where time is not wall-clock time.
+    told: Arc<AtomicU64>,
 }
 
 impl NodeClock {
-    /// Wall-clock time on the run's clock; monotonic.
+    /// The present time on the run's clock; monotonic.
     pub(crate) fn now(&self) -> Stamp {
+        if let TimeBase::Simulated | TimeBase::Remote = self.base {
+            return Stamp::from_nanos(self.told.load(Ordering::Acquire));
+        }
         let (stamp, instant) = self.started;
         stamp + instant.elapsed()
+    }
+
+    /// Tells the time where it is not wall-clock time; it never goes back.
+    pub(crate) fn tell(&self, now: Stamp) {
+        self.told.fetch_max(now.as_nanos(), Ordering::AcqRel);
     }
 
     /// ROS time of a stamp of the run.
@@ -153,7 +170,7 @@ impl NodeClock {
         match self.base {
             TimeBase::Wall { origin } => stamp + origin,
             // rosrust replaces a stamp of zero by its own clock.
-            TimeBase::Simulated => stamp.max(Stamp::from_nanos(1)),
+            TimeBase::Simulated | TimeBase::Remote => stamp.max(FIRST),
         }
     }
 
@@ -162,7 +179,8 @@ impl NodeClock {
         let stamp = crate::convert::stamp(time);
         match self.base {
             TimeBase::Wall { origin } => stamp - origin,
-            TimeBase::Simulated => stamp,
+            TimeBase::Simulated | TimeBase::Remote if stamp == FIRST => Stamp::ZERO,
+            TimeBase::Simulated | TimeBase::Remote => stamp,
         }
     }
 }
@@ -199,7 +217,7 @@ impl Node {
                 let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
                 Stamp::ZERO + now.unwrap_or_default().saturating_sub(origin)
             }
-            TimeBase::Simulated => Stamp::ZERO,
+            TimeBase::Simulated | TimeBase::Remote => Stamp::ZERO,
         };
         let parts = Arc::<Parts>::default();
         Ok(Self {
@@ -210,6 +228,7 @@ impl Node {
                 clock: NodeClock {
                     started: (started, Instant::now()),
                     base: options.time,
+                    told: Arc::default(),
                 },
             }),
         })
@@ -225,6 +244,16 @@ impl Node {
         self.inner.clock.base
     }
 
+    /// Tells the time of the run's clock, where that is not wall-clock time.
+    pub fn set_time(&self, now: Stamp) {
+        self.inner.clock.tell(now);
+    }
+
+    /// The present time on the run's clock.
+    pub fn now(&self) -> Stamp {
+        self.inner.clock.now()
+    }
+
     /// Unregisters everything and closes all connections; takes at most 2 s, even if the master
     /// hangs.
     pub fn shutdown(self) {
@@ -233,7 +262,7 @@ impl Node {
 
     /// The node's time.
     pub(crate) fn clock(&self) -> NodeClock {
-        self.inner.clock
+        self.inner.clock.clone()
     }
 
     /// Registers a part; blocks while the master is asked, 5 s at most.

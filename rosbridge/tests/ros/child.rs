@@ -10,7 +10,7 @@ use hal::{
     ArmMode, CameraFrame, GrayImage, Joints, Position, Stamp, StereoFrame, Transform, Twist,
 };
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Frames, Overlay};
+use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Frames, Overlay, Rates};
 use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
 
 use crate::master::{Master, Running};
@@ -196,6 +196,7 @@ fn bridge() {
         joint_states: true,
         frames: frames(),
         cameras: Some([model; 2]),
+        rates: Rates::default(),
     };
     let bridge = Bridge::new(&node, options).unwrap();
     let closed = input_closes();
