@@ -1,4 +1,4 @@
-//! The two clocks of a run.
+//! The clocks of a run.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -48,6 +48,47 @@ impl fmt::Debug for LockstepClock {
     }
 }
 
+/// Longest lag behind the wall clock that a paced clock catches up.
+const CATCH_UP: Duration = Duration::from_millis(200);
+
+/// Virtual time at the pace of the wall clock: the same run as in [`LockstepClock`], real-time
+/// factor 1. On a machine that is too slow, it falls behind rather than skip.
+#[derive(Debug)]
+pub struct PacedClock {
+    virtual_time: LockstepClock,
+    wall: WallTime,
+    lag: Duration,
+}
+
+impl PacedClock {
+    /// Paces `virtual_time`, both starting with `wall`.
+    pub fn new(virtual_time: LockstepClock, wall: WallTime) -> Self {
+        Self {
+            virtual_time,
+            wall,
+            lag: Duration::ZERO,
+        }
+    }
+}
+
+impl Clock for PacedClock {
+    fn now(&self) -> Stamp {
+        self.virtual_time.now()
+    }
+
+    #[expect(clippy::disallowed_methods, reason = "this is the clock of the edge")]
+    fn wait_until(&mut self, deadline: Stamp) {
+        self.virtual_time.wait_until(deadline);
+        let due = self.virtual_time.now() + self.lag;
+        let wall = self.wall.now();
+        std::thread::sleep(due.since(wall));
+        let late = wall.since(due);
+        if late > CATCH_UP {
+            self.lag += late;
+        }
+    }
+}
+
 /// Wall-clock time since an origin; may be read from any thread.
 #[derive(Clone, Copy, Debug)]
 pub struct WallTime(Instant);
@@ -82,13 +123,26 @@ impl WallClock {
         }
     }
 
-    /// A clock that starts now and moves a simulated world at least every `tick`.
+    /// A clock that started with `time`.
     #[must_use]
-    pub fn driving(tick: Duration, advance: impl FnMut(Stamp) + Send + 'static) -> Self {
+    pub fn since(time: WallTime) -> Self {
+        Self {
+            origin: time,
+            ..Self::new()
+        }
+    }
+
+    /// A clock that started with `time` and moves a simulated world at least every `tick`.
+    #[must_use]
+    pub fn driving(
+        time: WallTime,
+        tick: Duration,
+        advance: impl FnMut(Stamp) + Send + 'static,
+    ) -> Self {
         Self {
             tick,
             advance: Some(Box::new(advance)),
-            ..Self::new()
+            ..Self::since(time)
         }
     }
 }
@@ -109,7 +163,7 @@ impl Clock for WallClock {
         loop {
             let now = self.now();
             if let Some(advance) = &mut self.advance {
-                advance(now.min(deadline));
+                advance(now);
             }
             let left = deadline.since(now);
             if left.is_zero() {
@@ -150,5 +204,29 @@ mod tests {
         clock.wait_until(Stamp::from_secs(0.016));
         assert_eq!(*seen.lock().unwrap(), [4, 8, 10, 12, 16]);
         assert_eq!(clock.now(), Stamp::from_secs(0.016));
+    }
+
+    #[test]
+    fn a_paced_clock_is_never_early_and_skips_nothing_when_late() {
+        let wall = WallTime::start();
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let log = Arc::clone(&seen);
+        let world = LockstepClock::new(Duration::from_millis(4), move |t| {
+            log.lock().unwrap().push(t.as_nanos() / 1_000_000);
+        });
+        let mut clock = PacedClock::new(world, wall);
+        clock.wait_until(Stamp::from_secs(0.008));
+        assert!(wall.now() >= Stamp::from_secs(0.008));
+        #[expect(clippy::disallowed_methods, reason = "a pause of the machine")]
+        std::thread::sleep(Duration::from_millis(300));
+        clock.wait_until(Stamp::from_secs(0.012));
+        assert_eq!(clock.now(), Stamp::from_secs(0.012));
+        let before = wall.now();
+        clock.wait_until(Stamp::from_secs(0.052));
+        assert!(
+            wall.now().since(before) >= Duration::from_millis(39),
+            "no hurry after a slip"
+        );
+        assert_eq!(seen.lock().unwrap()[..3], [4, 8, 12]);
     }
 }

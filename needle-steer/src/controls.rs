@@ -1,6 +1,11 @@
-//! What a user may ask of a run while it goes on: stop, pause, retract, and the dead-man's switch.
+//! What a user may ask of a run while it goes on: stop, pause, retract, another target, and the
+//! dead-man's switch.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use hal::Position;
+use hal::frame::LeftCamera;
 
 /// What the user wants the run to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,17 +22,48 @@ pub enum Wish {
 #[derive(Debug, Default)]
 pub struct Controls {
     interrupted: AtomicBool,
+    stopped: AtomicBool,
+    target: Mutex<Option<Position<LeftCamera>>>,
     wish: AtomicU8,
     dead_man: AtomicU64,
 }
 
 impl Controls {
-    /// Stops the arm and ends the run.
+    /// Stops the arm and ends the run; a node that shows it stays.
+    pub fn stop(&self) {
+        self.stopped.store(true, Ordering::Release);
+    }
+
+    /// Whether the run is to end: stopped or interrupted.
+    pub fn is_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Acquire) || self.is_interrupted()
+    }
+
+    /// Forgets a stop and a wish of the run that has ended.
+    pub fn renew(&self) {
+        self.stopped.store(false, Ordering::Release);
+        self.ask(Wish::Proceed);
+    }
+
+    /// Gives another target, in the stereo frame.
+    pub fn aim(&self, target: Position<LeftCamera>) {
+        *self.target.lock().unwrap_or_else(PoisonError::into_inner) = Some(target);
+    }
+
+    /// A target given since the last call.
+    pub fn take_target(&self) -> Option<Position<LeftCamera>> {
+        self.target
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take()
+    }
+
+    /// Stops the arm and ends the program.
     pub fn interrupt(&self) {
         self.interrupted.store(true, Ordering::Release);
     }
 
-    /// Whether the run was interrupted.
+    /// Whether the program is to end.
     pub fn is_interrupted(&self) -> bool {
         self.interrupted.load(Ordering::Acquire)
     }

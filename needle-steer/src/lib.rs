@@ -2,10 +2,11 @@
 //!
 //! Read [`cycle`] first: one step from measurements to joint rates. [`run`](mod@run) moves an arm
 //! with it, [`rig`] assembles the devices that a [`config`] asks for, [`world`] is the simulated
-//! one, [`supervisor`] stops what must not go on. [`experiments`] and [`cli`] sit on top.
+//! one, [`ros`] the way to topics, [`supervisor`] stops what must not go on. [`experiments`] and
+//! [`cli`] sit on top.
 //!
-//! **Architecture invariant:** only [`run`](mod@run) writes to an arm, and every way out of it
-//! stops the arm.
+//! **Architecture invariant:** only [`run`](mod@run) and, while no insertion is under way,
+//! [`ros`] write to an arm, and every way out of them stops the arm.
 
 pub mod cycle;
 pub mod springs;
@@ -15,6 +16,8 @@ pub mod run;
 pub mod controls;
 pub mod rig;
 pub mod world;
+pub mod score;
+pub mod ros;
 pub mod clock;
 pub mod supervisor;
 pub mod config;

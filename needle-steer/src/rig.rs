@@ -14,9 +14,11 @@ use robots::kinematics::{Chain, Turns, UrdfError};
 use robots::sim::{SimError, SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 
-use crate::clock::LockstepClock;
+use crate::clock::{LockstepClock, PacedClock, WallClock, WallTime};
 use crate::config::{Backend, Config, ViperDialect};
 use crate::cycle::Bearings;
+use crate::ros::Link;
+use crate::score::GroundTruth;
 use crate::world::{Body, SimulatedWorld};
 
 /// Ticks of the simulated world.
@@ -76,6 +78,15 @@ pub enum RigBuildError {
         "viper.dialect = \"adept2018\": segments of that program cannot be stopped, so it inserts no needle"
     )]
     PositioningOnly,
+    /// The back end `ros` outside of a run.
+    #[error("the back end ros needs a ROS node: it works with `needle-steer run`")]
+    NoNode,
+    /// ROS.
+    #[error("ROS: {0}")]
+    Ros(#[from] rosbridge::NodeError),
+    /// The arm behind ROS topics.
+    #[error("arm over ROS: {0}")]
+    RosArm(#[from] rosbridge::arm::RosArmError),
     /// The guard's limits.
     #[error("guard: {0}")]
     Guard(#[from] LimiterError),
@@ -95,9 +106,13 @@ pub struct Rig {
     /// Geometry as calibration and registration know it.
     pub bearings: Bearings,
     /// The simulated world, where there is one.
-    pub world: Option<SimulatedWorld>,
+    pub world: Option<Box<dyn GroundTruth>>,
     /// The simulated arm, where there is one, for faults.
     pub simulated_arm: Option<SimulatedArm>,
+    /// Joints at the start pose of the configuration.
+    pub home: hal::Joints,
+    /// Number of the last command.
+    sequence: u64,
 }
 
 impl Rig {
@@ -106,50 +121,81 @@ impl Rig {
     /// # Errors
     /// See [`RigBuildError`].
     pub fn new(config: &Config) -> Result<Self, RigBuildError> {
+        Self::build(config, None)
+    }
+
+    /// Builds what `config` asks for, on the time of a ROS node if there is one and, for the back
+    /// end `ros`, over its topics.
+    ///
+    /// # Errors
+    /// See [`RigBuildError`].
+    pub fn build(config: &Config, link: Option<&Link>) -> Result<Self, RigBuildError> {
+        match (config.run.backend, link) {
+            (Backend::Ros, Some(link)) => Self::assemble(config, |lab| lab.over_ros(config, link)),
+            (Backend::Ros, None) => Err(RigBuildError::NoNode),
+            (_, link) => {
+                let pace = link.map_or(Pace::Free, Link::pace);
+                Self::simulated(config, pace)
+            }
+        }
+    }
+
+    /// Builds a simulated world that `config` asks for, its time at `pace`.
+    ///
+    /// # Errors
+    /// See [`RigBuildError`].
+    pub fn simulated(config: &Config, pace: Pace) -> Result<Self, RigBuildError> {
+        Self::assemble(config, |lab| lab.simulated(config, pace))
+    }
+
+    fn assemble(
+        config: &Config,
+        devices: impl FnOnce(&Place) -> Result<Devices, RigBuildError>,
+    ) -> Result<Self, RigBuildError> {
         let chain = chain(config)?;
         let world_from_arm_base = arm_place(config);
         let (start, joints) = start_pose(config, &chain, &world_from_arm_base)?;
-
-        let settings =
-            phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
-        let world_from_entry = config.world_from_entry();
         let cameras = StereoRig::new(
             &CameraSettings::default(),
-            &world_from_entry,
+            &config.world_from_entry(),
             config.run.seed,
         )?;
         let left_from_world = cameras.truth().left_from_world;
-        let bench = Bench::new(
-            &settings,
-            &Setup {
-                world_from_phantom: world_from_entry,
-                world_from_base: Transform::assume(start),
-                left_from_world,
-                seed: config.run.seed,
-            },
-        )?;
-
-        let (driver, body, simulated_arm) = arm(config, &chain, &joints)?;
-        let period = driver.description().period;
-        let world = SimulatedWorld::new(body, chain.clone(), world_from_arm_base, bench);
-        let moved = world.clone();
+        let place = Place {
+            chain,
+            world_from_arm_base,
+            start,
+            joints,
+            left_from_world,
+        };
+        let devices = devices(&place)?;
+        let chain = place.chain;
+        let period = devices.arm.description().period;
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
         let guard =
             Guard::new(limiter).with_tool(Box::new(chain.clone()), None, SpeedCaps::INSERTING);
         let mut rig = Self {
-            clock: Box::new(LockstepClock::new(TICK, move |now| moved.advance_to(now))),
-            arm: Recorded::new(Guarded::new(driver, guard)?, EVENTS),
-            sensor: Box::new(world.shape_sensor()),
+            clock: devices.clock,
+            arm: Recorded::new(Guarded::new(devices.arm, guard)?, EVENTS),
+            sensor: devices.sensor,
             bearings: Bearings {
                 chain,
                 world_from_arm_base,
                 world_from_left_camera: left_from_world.inverse(),
             },
-            world: Some(world),
-            simulated_arm,
+            world: devices.world,
+            simulated_arm: devices.simulated_arm,
+            home: joints,
+            sequence: 0,
         };
         rig.await_feedback()?;
         Ok(rig)
+    }
+
+    /// The number of the next command; commands of one rig count on.
+    pub fn next_sequence(&mut self) -> u64 {
+        self.sequence += 1;
+        self.sequence
     }
 
     /// Waits until the arm reports; a simulated one does at once.
@@ -181,6 +227,80 @@ impl core::fmt::Debug for Rig {
     }
 }
 
+/// Where things stand.
+struct Place {
+    chain: Chain,
+    world_from_arm_base: Transform<World, ArmBase>,
+    start: Isometry3<f64>,
+    joints: hal::Joints,
+    left_from_world: Transform<LeftCamera, World>,
+}
+
+/// What a run moves, sees and waits with.
+struct Devices {
+    clock: Box<dyn Clock>,
+    arm: Box<dyn Arm>,
+    sensor: Box<dyn ShapeSensor>,
+    world: Option<Box<dyn GroundTruth>>,
+    simulated_arm: Option<SimulatedArm>,
+}
+
+/// How the time of a simulated world passes.
+#[derive(Clone, Copy, Debug)]
+pub enum Pace {
+    /// As fast as it goes.
+    Free,
+    /// With the wall clock, or slower on a slow machine: the same run.
+    Paced(WallTime),
+    /// With the wall clock, whatever else waits.
+    Wall(WallTime),
+}
+
+impl Place {
+    fn simulated(&self, config: &Config, pace: Pace) -> Result<Devices, RigBuildError> {
+        let settings =
+            phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
+        let bench = Bench::new(
+            &settings,
+            &Setup {
+                world_from_phantom: config.world_from_entry(),
+                world_from_base: Transform::assume(self.start),
+                left_from_world: self.left_from_world,
+                seed: config.run.seed,
+            },
+        )?;
+        let (arm, body, simulated_arm) = arm(config, &self.chain, &self.joints)?;
+        let world = SimulatedWorld::new(body, self.chain.clone(), self.world_from_arm_base, bench);
+        let moved = world.clone();
+        let advance = move |now| moved.advance_to(now);
+        let clock: Box<dyn Clock> = match pace {
+            Pace::Free => Box::new(LockstepClock::new(TICK, advance)),
+            Pace::Paced(wall) => Box::new(PacedClock::new(LockstepClock::new(TICK, advance), wall)),
+            Pace::Wall(wall) => Box::new(WallClock::driving(wall, TICK, advance)),
+        };
+        Ok(Devices {
+            clock,
+            arm,
+            sensor: Box::new(world.shape_sensor()),
+            world: Some(Box::new(world)),
+            simulated_arm,
+        })
+    }
+
+    fn over_ros(&self, config: &Config, link: &Link) -> Result<Devices, RigBuildError> {
+        let parts = link.devices(config, &self.chain)?;
+        Ok(Devices {
+            clock: parts.clock,
+            arm: Box::new(parts.arm),
+            sensor: Box::new(parts.shapes),
+            world: parts
+                .truth
+                .map(|truth| Box::new(truth) as Box<dyn GroundTruth>),
+            simulated_arm: None,
+        })
+    }
+}
+
 /// An arm's driver, what moves in the simulated world, and the simulated arm if it is one.
 type ArmParts = (Box<dyn Arm>, Box<dyn Body>, Option<SimulatedArm>);
 
@@ -207,6 +327,7 @@ fn arm(config: &Config, chain: &Chain, joints: &hal::Joints) -> Result<ArmParts,
             let (arm, lockstep) = viper::lockstep::Lockstep::over_tcp(core, emulator)?;
             Ok((Box::new(arm), Box::new(lockstep), None))
         }
+        Backend::Ros => Err(RigBuildError::NoNode),
     }
 }
 

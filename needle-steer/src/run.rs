@@ -11,7 +11,7 @@ use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
 use crate::rig::{Rig, RigBuildError};
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
-use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
+use crate::world::{in_stereo_frame, place_target};
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 
 /// Longest wait for a law step when no image comes \[s\]: then the law runs on prediction.
@@ -50,6 +50,11 @@ pub trait Observer {
         let _ = (arm, shape);
     }
 
+    /// The arm's newest feedback, every arm period.
+    fn arm(&mut self, state: &ArmState) {
+        let _ = state;
+    }
+
     /// A command that went out.
     fn command(&mut self, command: &RateCommand) {
         let _ = command;
@@ -74,26 +79,14 @@ pub fn run(
     observer: &mut dyn Observer,
     controls: &Controls,
 ) -> Result<Summary, RunError> {
-    let state = rig.arm.state()?;
-    let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
-    let mut insertion = Insertion::new(config, rig, cycle, &state);
-    if config.run.check_reach {
-        insertion.check_target(config)?;
-    }
-    if config.run.dry_run {
-        return Ok(insertion.summary(config, Ended::DryRun));
-    }
-    insertion.rig.arm.enable()?;
-    let ended = insertion.advance(config, observer, controls);
-    let stopped = insertion.come_to_rest();
-    let ended = ended?;
-    stopped?;
-    Ok(insertion.summary(config, ended))
+    let mut insertion = Insertion::begin(config, rig)?;
+    insertion.carry_out(config, observer, controls)
 }
 
 /// One insertion in progress.
-struct Insertion<'a> {
-    rig: &'a mut Rig,
+pub struct Insertion<'a> {
+    /// Its devices.
+    pub rig: &'a mut Rig,
     cycle: Cycle,
     supervisor: Supervisor,
     reach: ReachMonitor,
@@ -102,18 +95,89 @@ struct Insertion<'a> {
     straight: f64,
     start: nalgebra::Isometry3<f64>,
     steering_since: Option<Stamp>,
-    sequence: u64,
+    given_target: Option<Position<hal::frame::LeftCamera>>,
     rates: Joints,
     last_law: Option<Stamp>,
 }
 
+impl core::fmt::Debug for Insertion<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Insertion")
+            .field("phase", &self.phase)
+            .field("cycle", &self.cycle)
+            .finish_non_exhaustive()
+    }
+}
+
 impl<'a> Insertion<'a> {
+    /// An insertion from where the arm stands; nothing moves yet.
+    ///
+    /// # Errors
+    /// The arm does not report, or the configuration makes no controller.
+    pub fn begin(config: &Config, rig: &'a mut Rig) -> Result<Self, RunError> {
+        let state = rig.arm.state()?;
+        let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
+        Ok(Self::new(config, rig, cycle, &state))
+    }
+
+    /// Carries the insertion out.
+    ///
+    /// # Errors
+    /// See [`RunError`]; a run that ends early is no error but a verdict.
+    pub fn carry_out(
+        &mut self,
+        config: &Config,
+        observer: &mut dyn Observer,
+        controls: &Controls,
+    ) -> Result<Summary, RunError> {
+        self.given_target = controls.take_target();
+        if config.run.check_reach {
+            self.check_target(config)?;
+        }
+        if config.run.dry_run {
+            return Ok(self.summary(config, Ended::DryRun));
+        }
+        self.rig.arm.enable()?;
+        let ended = self.advance(config, observer, controls);
+        let stopped = self.come_to_rest();
+        let ended = ended?;
+        stopped?;
+        Ok(self.summary(config, ended))
+    }
+
+    /// Withdraws the needle after an insertion has ended, along the way it came.
+    ///
+    /// # Errors
+    /// As [`Insertion::carry_out`].
+    pub fn withdraw(
+        &mut self,
+        config: &Config,
+        observer: &mut dyn Observer,
+        controls: &Controls,
+    ) -> Result<Ended, RunError> {
+        self.supervisor = Supervisor::new(bounds(config), self.rig.clock.now());
+        controls.ask(Wish::Retract);
+        if self.rig.arm.state()?.mode == ArmMode::Connected {
+            self.rig.arm.enable()?;
+        }
+        let ended = self.advance(config, observer, controls);
+        let stopped = self.come_to_rest();
+        let ended = ended?;
+        stopped?;
+        Ok(ended)
+    }
+
+    /// The newest telemetry.
+    pub fn telemetry(&self) -> &Telemetry {
+        self.cycle.telemetry()
+    }
+
     fn new(config: &Config, rig: &'a mut Rig, cycle: Cycle, state: &ArmState) -> Self {
         let start = base_pose(&rig.bearings, state);
         let straight = rig
             .world
             .as_ref()
-            .map_or(PRE_INSERTION, SimulatedWorld::pre_insertion);
+            .map_or(PRE_INSERTION, |world| world.pre_insertion());
         Self {
             supervisor: Supervisor::new(bounds(config), rig.clock.now()),
             cycle,
@@ -123,7 +187,7 @@ impl<'a> Insertion<'a> {
             straight,
             start,
             steering_since: None,
-            sequence: 0,
+            given_target: None,
             rates: state.positions.zeroed(),
             last_law: None,
             rig,
@@ -136,6 +200,9 @@ impl<'a> Insertion<'a> {
             .coords
             + self.start.rotation * nalgebra::Vector3::z() * self.straight;
         let target = match config.target.kind {
+            _ if let Some(given) = self.given_target => {
+                (self.rig.bearings.world_from_left_camera * given).coords()
+            }
             TargetKind::Stereo => {
                 (self.rig.bearings.world_from_left_camera * stereo_target(config)).coords()
             }
@@ -161,13 +228,17 @@ impl<'a> Insertion<'a> {
         let mut deadline = begun;
         loop {
             let now = self.rig.clock.now();
-            if controls.is_interrupted() {
+            if controls.is_stopped() {
                 return Ok(Ended::Interrupted);
             }
             if now.since(begun) > longest {
                 return Ok(Ended::TimedOut);
             }
             let state = self.rig.arm.state()?;
+            observer.arm(&state);
+            if let Some(target) = controls.take_target() {
+                self.aim(target);
+            }
             self.supervisor.dead_man(now, controls.dead_man_count());
             self.follow(controls.wish());
             self.law_step(config, now, &state, observer)?;
@@ -179,9 +250,8 @@ impl<'a> Insertion<'a> {
             if let Some(ended) = self.verdict(now) {
                 return Ok(ended);
             }
-            self.sequence += 1;
             let command = RateCommand {
-                sequence: self.sequence,
+                sequence: self.rig.next_sequence(),
                 stamp: now,
                 rates: self.rates,
             };
@@ -237,7 +307,7 @@ impl<'a> Insertion<'a> {
             .law
             .limits
             .extend_from_slice(self.rig.arm.inner().acted());
-        telemetry.truth = self.rig.world.as_ref().map(SimulatedWorld::report);
+        telemetry.truth = self.rig.world.as_ref().map(|world| world.report());
         observer.step(telemetry);
         Ok(())
     }
@@ -284,25 +354,42 @@ impl<'a> Insertion<'a> {
     /// The target in the stereo frame. In simulation the protocol places it by the true tip.
     fn place_target(&self, config: &Config) -> Position<hal::frame::LeftCamera> {
         let left_from_world = self.rig.left_from_world();
-        let target = match (config.target.kind, &self.rig.world) {
-            (TargetKind::Stereo, _) => {
-                let target = stereo_target(config);
-                if let Some(world) = &self.rig.world {
-                    world.watch((left_from_world.inverse() * target).coords());
-                }
-                return target;
-            }
-            (_, Some(world)) => {
+        let given = match config.target.kind {
+            TargetKind::Stereo => Some(stereo_target(config)),
+            _ => None,
+        };
+        if let Some(target) = self.given_target.or(given) {
+            self.watch(target);
+            return target;
+        }
+        let target = match &self.rig.world {
+            Some(world) => {
                 let target = nominal_target(config, &world.true_tip(), &self.start);
                 world.watch(target);
                 target
             }
-            (_, None) => {
+            None => {
                 let tip = self.cycle.telemetry().world_from_tip.origin().coords();
                 nominal_target(config, &tip, &self.start)
             }
         };
         in_stereo_frame(&target, &left_from_world)
+    }
+
+    /// Another target, in the stereo frame.
+    fn aim(&mut self, target: Position<hal::frame::LeftCamera>) {
+        self.given_target = Some(target);
+        if self.steering_since.is_some() {
+            self.cycle.set_target(target);
+            self.watch(target);
+        }
+    }
+
+    /// Keeps the score against a target in the stereo frame.
+    fn watch(&self, target: Position<hal::frame::LeftCamera>) {
+        if let Some(world) = &self.rig.world {
+            world.watch((self.rig.left_from_world().inverse() * target).coords());
+        }
     }
 
     fn verdict(&mut self, now: Stamp) -> Option<Ended> {
@@ -340,7 +427,7 @@ impl<'a> Insertion<'a> {
 
     fn summary(&self, config: &Config, ended: Ended) -> Summary {
         let telemetry = self.cycle.telemetry();
-        let figures = self.rig.world.as_ref().and_then(SimulatedWorld::figures);
+        let figures = self.rig.world.as_ref().and_then(|world| world.figures());
         let mm = |value: f64| value.is_finite().then_some(value * 1e3);
         Summary {
             ended,

@@ -7,8 +7,9 @@ use hal::telemetry::TruthReport;
 use hal::{Error, Joints, Position, SensedShape, ShapeSensor, Stamp, Transform};
 use nalgebra::Vector3;
 use phantom::Bench;
-use phantom::experiment::Passing;
 use robots::kinematics::Chain;
+
+use crate::score::{GroundTruth, Score, TrueFigures};
 
 /// What moves in the world: an arm whose true joints can be read at any time.
 pub trait Body: Send {
@@ -36,31 +37,6 @@ struct Inner {
     world_from_arm_base: Transform<World, ArmBase>,
     bench: Bench,
     score: Option<Score>,
-}
-
-/// Hidden figures of a run, from the moment its target was set.
-#[derive(Clone, Copy, Debug)]
-struct Score {
-    target: Vector3<f64>,
-    passing: Passing,
-    passed: Option<f64>,
-    max_stretch: f64,
-    sum_stretch: f64,
-    states: f64,
-    last: Option<Stamp>,
-}
-
-/// Final figures of a run in truth.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrueFigures {
-    /// Distance of the target from the tip axis when O's plane passed it, or at the end \[m\].
-    pub lateral: f64,
-    /// Target ahead of O at the end \[m\].
-    pub axial: f64,
-    /// Largest tissue displacement \[m\].
-    pub max_stretch: f64,
-    /// Tissue displacement, averaged over needle and time \[m\].
-    pub mean_stretch: f64,
 }
 
 /// A handle on the world; clones share it.
@@ -97,64 +73,18 @@ impl SimulatedWorld {
             .bench
             .advance_to(stamp, &(inner.world_from_arm_base * base));
         if let Some(score) = &mut inner.score {
-            score.observe(&inner.bench);
+            let truth = inner.bench.truth();
+            score.observe(
+                truth.stamp,
+                [&truth.tip(), &truth.direction()],
+                [truth.max_stretch, truth.mean_stretch],
+            );
         }
     }
 
-    /// Straight pre-insertion that this run's protocol asks for \[m\].
-    pub fn pre_insertion(&self) -> f64 {
-        self.lock().bench.draw().pre_insertion
-    }
-
-    /// Tip O in truth, World \[m\].
-    pub fn true_tip(&self) -> Vector3<f64> {
-        self.lock().bench.truth().tip()
-    }
-
-    /// Starts to keep the score against a true target in World \[m\].
-    pub fn watch(&self, target: Vector3<f64>) {
-        self.lock().score = Some(Score {
-            target,
-            passing: Passing::new(target),
-            passed: None,
-            max_stretch: 0.0,
-            sum_stretch: 0.0,
-            states: 0.0,
-            last: None,
-        });
-    }
-
-    /// The truth for telemetry.
-    pub fn report(&self) -> TruthReport {
-        let inner = self.lock();
-        let truth = inner.bench.truth();
-        let target = inner
-            .score
-            .map_or_else(|| Vector3::from_element(f64::NAN), |s| s.target);
-        let miss = truth.miss(&target);
-        TruthReport {
-            shape: truth.needle.centreline.iter().step_by(4).copied().collect(),
-            tip: truth.tip(),
-            direction: truth.direction(),
-            target,
-            lateral_error: miss.lateral,
-            axial_distance: miss.axial,
-            max_stretch: truth.max_stretch,
-            mean_stretch: truth.mean_stretch,
-        }
-    }
-
-    /// The figures of the run so far; nothing before a target was set.
-    pub fn figures(&self) -> Option<TrueFigures> {
-        let inner = self.lock();
-        let score = inner.score?;
-        let miss = inner.bench.truth().miss(&score.target);
-        Some(TrueFigures {
-            lateral: score.passed.unwrap_or(miss.lateral),
-            axial: miss.axial,
-            max_stretch: score.max_stretch,
-            mean_stretch: score.sum_stretch / score.states.max(1.0),
-        })
+    /// Needle and tissue in truth, and when they were so.
+    fn truth(&self) -> (Stamp, TruthReport) {
+        self.lock().truth()
     }
 
     /// The sensor of this world.
@@ -163,25 +93,55 @@ impl SimulatedWorld {
     }
 }
 
+impl Inner {
+    fn truth(&self) -> (Stamp, TruthReport) {
+        let truth = self.bench.truth();
+        let report = TruthReport {
+            shape: truth.needle.centreline.iter().step_by(4).copied().collect(),
+            tip: truth.tip(),
+            direction: truth.direction(),
+            max_stretch: truth.max_stretch,
+            mean_stretch: truth.mean_stretch,
+            ..TruthReport::default()
+        };
+        (truth.stamp, report)
+    }
+}
+
+impl GroundTruth for SimulatedWorld {
+    fn pre_insertion(&self) -> f64 {
+        self.lock().bench.draw().pre_insertion
+    }
+
+    fn newest(&self) -> (Stamp, TruthReport) {
+        self.truth()
+    }
+
+    fn true_tip(&self) -> Vector3<f64> {
+        self.lock().bench.truth().tip()
+    }
+
+    fn watch(&self, target: Vector3<f64>) {
+        self.lock().score = Some(Score::new(target));
+    }
+
+    fn report(&self) -> TruthReport {
+        let inner = self.lock();
+        Score::complete(inner.score.as_ref(), inner.truth().1)
+    }
+
+    fn figures(&self) -> Option<TrueFigures> {
+        let inner = self.lock();
+        let truth = inner.bench.truth();
+        Some(inner.score?.figures(&truth.tip(), &truth.direction()))
+    }
+}
+
 impl core::fmt::Debug for SimulatedWorld {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_tuple("SimulatedWorld")
             .field(&self.lock().bench)
             .finish()
-    }
-}
-
-impl Score {
-    fn observe(&mut self, bench: &Bench) {
-        let truth = bench.truth();
-        if self.last == Some(truth.stamp) {
-            return;
-        }
-        self.last = Some(truth.stamp);
-        self.passed = self.passing.observe(truth);
-        self.max_stretch = self.max_stretch.max(truth.max_stretch);
-        self.sum_stretch += truth.mean_stretch;
-        self.states += 1.0;
     }
 }
 

@@ -122,6 +122,21 @@ impl Hand {
         rates
     }
 
+    /// Goes straight to `goal` in joint space, the fastest joint at `speed` \[rad/s\].
+    pub fn go(&mut self, now: Stamp, arm: &ArmState, goal: Joints, speed: f64) {
+        let farthest = goal.zip(&arm.positions, |a, b| a - b).max_abs();
+        let after = Duration::try_from_secs_f64(farthest / speed).unwrap_or(Duration::ZERO);
+        self.active = Some(Active {
+            motion: Motion::Trajectory(vec![Waypoint {
+                // Never zero: it divides.
+                after: after.max(Duration::from_millis(1)),
+                positions: goal,
+            }]),
+            since: now,
+            from: arm.positions,
+        });
+    }
+
     /// Forgets what is under way and what has arrived.
     pub fn drop_all(&mut self) {
         self.active = None;

@@ -1,7 +1,8 @@
-//! `emulate viper`: the Viper's controller on TCP, without an arm.
+//! `emulate`: the Viper's controller on TCP, without an arm; a laboratory as a ROS node.
 
 use std::io::Write;
 use std::net::IpAddr;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::{Arc, mpsc};
 
@@ -13,13 +14,35 @@ use robots::viper::{Dialect, Emulator};
 
 use super::Usage;
 use super::arm::numbers;
+use super::run::{interrupt_flag, quoted};
 use crate::clock::WallTime;
+use crate::config;
 
 /// Emulated hardware.
 #[derive(Debug, Subcommand)]
 pub(super) enum EmulateCommand {
     /// The Viper's controller on TCP, until Ctrl-C.
     Viper(ViperArgs),
+    /// The simulated arm, phantom and sensors as a ROS node, until Ctrl-C.
+    Ros(RosArgs),
+}
+
+#[derive(Debug, Args)]
+pub(super) struct RosArgs {
+    /// Configuration file (TOML); without it, the default one.
+    config: Option<PathBuf>,
+    /// Change one key of the configuration: key=value, the value in TOML.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Preset of the phantom.
+    #[arg(long)]
+    phantom: Option<String>,
+    /// Seed of everything random.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Move in lockstep with the controller, on /clock.
+    #[arg(long)]
+    lockstep: bool,
 }
 
 /// The program that the emulated controller runs.
@@ -51,7 +74,32 @@ pub(super) struct ViperArgs {
 }
 
 pub(super) fn execute(command: &EmulateCommand) -> anyhow::Result<ExitCode> {
-    let EmulateCommand::Viper(args) = command;
+    match command {
+        EmulateCommand::Viper(args) => viper(args),
+        EmulateCommand::Ros(args) => ros(args),
+    }
+}
+
+fn ros(args: &RosArgs) -> anyhow::Result<ExitCode> {
+    let mut overrides = args.set.clone();
+    overrides.push("run.backend='ros'".into());
+    overrides.extend(args.seed.map(|seed| format!("run.seed={seed}")));
+    let phantom = args.phantom.as_ref();
+    overrides.extend(phantom.map(|name| format!("run.phantom={}", quoted(name))));
+    if args.lockstep {
+        overrides.push("ros.clock='simulated'".into());
+    }
+    let config = config::load(args.config.as_deref(), &overrides)?;
+    crate::ros::choose_master(&config)?;
+    let controls = interrupt_flag()?;
+    crate::ros::emulate(&config, &controls, || {
+        // Nobody may be listening.
+        let _ = writeln!(std::io::stdout(), "ready");
+    })?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn viper(args: &ViperArgs) -> anyhow::Result<ExitCode> {
     let (dialect, ports) = match args.dialect {
         Program::Steer => (Dialect::Steer, [11_010, 11_012]),
         Program::Adept2018 => (Dialect::Adept2018, [11_000, 11_002]),

@@ -67,7 +67,8 @@ enum ConfigCommand {
 
 /// Runs the program.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    // roslaunch adds `__name:=`, `__log:=` and remappings.
+    let cli = Cli::parse_from(rosbridge::plain_arguments());
     match dispatch(cli) {
         Ok(code) => code,
         // The reader of stdout has seen enough, as `head` has.

@@ -18,7 +18,8 @@ use crate::journal::Journal;
 use crate::outcome::Summary;
 use crate::plot::write_run_plot;
 use crate::rig::Rig;
-use crate::run::{Observer, run};
+use crate::ros::{self, Leave, Link, Session};
+use crate::run::{Insertion, Observer};
 use crate::series::{Row, write_csv};
 
 /// One insertion to a target.
@@ -80,14 +81,26 @@ impl RunArgs {
 }
 
 /// A TOML string, so that a name like `1` stays a name.
-fn quoted(value: &str) -> String {
+pub(super) fn quoted(value: &str) -> String {
     toml::Value::String(value.to_owned()).to_string()
 }
 
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let config = args.config()?;
-    let interrupt = interrupt_flag()?;
-    let mut rig = Rig::new(&config)?;
+    ros::choose_master(&config)?;
+    let controls = interrupt_flag()?;
+    let link = Link::new(&config)?;
+    let mut rig = Rig::build(&config, link.as_ref())?;
+    let mut session = match &link {
+        Some(link) if config.ros.publish => Some(Session::new(&config, link, &rig, &controls)?),
+        _ => None,
+    };
+    if let Some(session) = &mut session
+        && !config.ros.autostart
+        && ros::wait(&config, &mut rig, session, &controls)? == Leave::Quit
+    {
+        return Ok(ExitCode::from(1));
+    }
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     }
@@ -96,8 +109,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         Some(file) => Some(Journal::create(file, &config, &rig.bearings)?),
         None => None,
     };
-    let mut recorder = Recorder::new(&config, journal);
-    let mut summary = run(&config, &mut rig, &mut recorder, &interrupt)?;
+    let mut recorder = Recorder::new(&config, journal, session);
+    let mut insertion = Insertion::begin(&config, &mut rig)?;
+    let mut summary = insertion.carry_out(&config, &mut recorder, &controls)?;
     recorder.progress.finish_and_clear();
     let logged = recorder.journal.take().map_or(Ok(()), Journal::finish);
     summary.log = log.map(|file| file.display().to_string());
@@ -111,6 +125,12 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         print_text(&summary)?;
     }
     logged.context("the log is not complete")?;
+    if let Some(session) = &mut recorder.session {
+        session.show_end(&summary.ended);
+        if config.ros.stay {
+            ros::stay(&config, &mut insertion, session, &controls)?;
+        }
+    }
     Ok(if summary.ended.is_success() {
         ExitCode::SUCCESS
     } else {
@@ -129,6 +149,7 @@ pub(super) fn interrupt_flag() -> anyhow::Result<Arc<Controls>> {
 /// Keeps the time series and draws the progress line.
 struct Recorder {
     journal: Option<Journal>,
+    session: Option<Session>,
     rows: Vec<Row>,
     first: Option<Telemetry>,
     progress: ProgressBar,
@@ -136,7 +157,7 @@ struct Recorder {
 }
 
 impl Recorder {
-    fn new(config: &Config, journal: Option<Journal>) -> Self {
+    fn new(config: &Config, journal: Option<Journal>, session: Option<Session>) -> Self {
         let depth_mm = config.target.depth_mm + 10.0;
         let progress = ProgressBar::new(1000);
         progress.set_style(
@@ -145,6 +166,7 @@ impl Recorder {
         );
         Self {
             journal,
+            session,
             rows: Vec::new(),
             first: None,
             progress,
@@ -166,7 +188,16 @@ impl Observer for Recorder {
         }
     }
 
+    fn arm(&mut self, state: &ArmState) {
+        if let Some(session) = &mut self.session {
+            session.arm(state);
+        }
+    }
+
     fn step(&mut self, telemetry: &Telemetry) {
+        if let Some(session) = &mut self.session {
+            session.step(telemetry);
+        }
         if let Some(journal) = &mut self.journal {
             journal.step(telemetry);
         }

@@ -34,6 +34,7 @@ impl Config {
         self.validate_needle()?;
         self.validate_law()?;
         self.validate_arm()?;
+        self.validate_ros()?;
         self.validate_limits()
     }
 
@@ -122,6 +123,21 @@ impl Config {
             within("arm.base_rpy_deg", value, -360.0, 360.0)?;
         }
         Ok(())
+    }
+
+    fn validate_ros(&self) -> Result<(), Invalid> {
+        let ros = &self.ros;
+        within("ros.period_ms", ros.period_ms, 1.0, 48.0)?;
+        within("ros.joint_states_hz", ros.joint_states_hz, 1.0, 1000.0)?;
+        within("ros.poses_hz", ros.poses_hz, 0.1, ros.joint_states_hz)?;
+        within("ros.markers_hz", ros.markers_hz, 0.1, ros.joint_states_hz)?;
+        if ros.uri.is_empty() || ros.uri.starts_with("http://") {
+            return Ok(());
+        }
+        Err(Invalid {
+            key: "ros.uri".into(),
+            problem: format!("expected http://HOST:PORT/, found `{}`", ros.uri),
+        })
     }
 
     fn validate_limits(&self) -> Result<(), Invalid> {

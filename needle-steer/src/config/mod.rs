@@ -4,11 +4,13 @@
 
 mod check;
 mod load;
+mod ros;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 pub use load::{ConfigError, Origin, load, parse};
+pub use ros::{Ros, RosClock};
 
 /// The commented default configuration, as `needle-steer config default` prints it.
 pub const DEFAULT_TOML: &str = include_str!("default.toml");
@@ -40,6 +42,8 @@ pub struct Config {
     pub arm: Arm,
     /// The Viper's controller, for the back end `viper`.
     pub viper: Viper,
+    /// ROS 1: telemetry, services, and the back end `ros`.
+    pub ros: Ros,
     /// Limits that every law keeps.
     pub limits: hybrid_control::Limits,
     /// The estimator of path, bevel, disturbance and stiffness.
@@ -90,6 +94,8 @@ pub enum Backend {
     Sim,
     /// The Viper S650's socket driver: its emulated controller with the phantom, or a real one.
     Viper,
+    /// Any arm behind ROS topics, the needle's shape from a topic.
+    Ros,
 }
 
 /// What closes the loop.

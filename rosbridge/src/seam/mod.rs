@@ -10,6 +10,7 @@ mod service;
 mod sockets;
 mod watch;
 
+use std::ffi::OsString;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -310,8 +311,11 @@ impl Drop for Inner {
 }
 
 /// The process's arguments without those that `roslaunch` adds for the node (`a:=b`).
-pub fn plain_arguments() -> Vec<String> {
-    resolve::get_unused_args()
+pub fn plain_arguments() -> impl Iterator<Item = OsString> {
+    std::env::args_os()
+        .enumerate()
+        .filter(|(i, argument)| *i == 0 || !argument.to_string_lossy().contains(":="))
+        .map(|(_, argument)| argument)
 }
 
 fn is_loopback(hostname: &str) -> bool {

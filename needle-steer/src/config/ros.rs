@@ -1,0 +1,58 @@
+//! Keys of the table `ros`.
+
+use serde::{Deserialize, Serialize};
+
+/// What a ROS node's time is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RosClock {
+    /// The wall clock, at real-time factor 1.
+    #[default]
+    Wall,
+    /// Simulated time on `/clock`, as fast as it goes; with the back end `ros`, in lockstep with
+    /// the emulated laboratory.
+    Simulated,
+}
+
+/// ROS 1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ros {
+    /// Show the run on topics and offer services, whatever the back end.
+    pub publish: bool,
+    /// Start at once, else when `~start` is called.
+    pub autostart: bool,
+    /// Keep the node up after the run, until it is interrupted.
+    pub stay: bool,
+    /// Let other machines connect: ROS 1 has no authentication.
+    pub network: bool,
+    /// Address of the master; empty for `ROS_MASTER_URI`.
+    pub uri: String,
+    /// What time is.
+    pub clock: RosClock,
+    /// Period of the velocities that the back end `ros` sends \[ms\].
+    pub period_ms: f64,
+    /// Rate of `joint_states` \[Hz\].
+    pub joint_states_hz: f64,
+    /// Rate of `/tf`, `needle/tip` and `needle/state` \[Hz\].
+    pub poses_hz: f64,
+    /// Rate of `needle/markers` \[Hz\].
+    pub markers_hz: f64,
+}
+
+impl Default for Ros {
+    fn default() -> Self {
+        Self {
+            publish: false,
+            autostart: true,
+            stay: true,
+            network: false,
+            uri: String::new(),
+            clock: RosClock::Wall,
+            period_ms: 16.0,
+            joint_states_hz: 100.0,
+            poses_hz: 50.0,
+            markers_hz: 20.0,
+        }
+    }
+}

@@ -1,0 +1,269 @@
+//! A node without an insertion under way: it waits for a start, or for what may follow a run. The
+//! arm may be moved by hand and home, as long as the needle is outside the tissue.
+
+use std::time::Duration;
+
+use hal::{Arm, ArmMode, ArmState, Joints, RateCommand, Twist};
+use nalgebra::{Isometry3, Vector3};
+use robots::kinematics::RateSettings;
+use rosbridge::bridge::{Command, Request};
+use rosbridge::motion::{ToRates, TwistAxes};
+
+use super::Session;
+use crate::config::{Config, RosClock};
+use crate::controls::Controls;
+use crate::cycle::{Bearings, Cycle};
+use crate::rig::Rig;
+use crate::run::RunError;
+
+/// Depth of the tip that still counts as outside \[m\].
+const OUTSIDE: f64 = 0.5e-3;
+/// How far ahead motion by hand is looked at \[s\].
+const AHEAD: f64 = 0.1;
+/// Speed of the fastest joint on the way home \[rad/s\].
+const HOMING: f64 = 0.1;
+/// Places at which the way home is looked at.
+const LOOKS: u32 = 100;
+
+/// Why the waiting ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Leave {
+    /// An insertion is to start.
+    Start,
+    /// The needle is to be withdrawn.
+    Retract,
+    /// The program is to end.
+    Quit,
+}
+
+/// Whether an insertion is to come or has been.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Before,
+    After,
+}
+
+/// Waits for a start, before the insertion.
+///
+/// # Errors
+/// The arm or the controller fails.
+pub fn wait(
+    config: &Config,
+    rig: &mut Rig,
+    session: &mut Session,
+    controls: &Controls,
+) -> Result<Leave, RunError> {
+    show(config, rig, session)?;
+    idle(config, rig, session, controls, Stage::Before)
+}
+
+/// Waits for what may follow, after the insertion.
+///
+/// # Errors
+/// As [`wait`].
+pub(super) fn linger(
+    config: &Config,
+    rig: &mut Rig,
+    session: &mut Session,
+    controls: &Controls,
+) -> Result<Leave, RunError> {
+    idle(config, rig, session, controls, Stage::After)
+}
+
+fn idle(
+    config: &Config,
+    rig: &mut Rig,
+    session: &mut Session,
+    controls: &Controls,
+    stage: Stage,
+) -> Result<Leave, RunError> {
+    let period = rig.arm.description().period;
+    let to_rates = to_rates(&rig.bearings, RateSettings::default());
+    let mut by_hand = false;
+    loop {
+        if controls.is_interrupted() {
+            stop(rig, by_hand)?;
+            return Ok(Leave::Quit);
+        }
+        let now = rig.clock.now();
+        // A silent arm is told of by the services that need it.
+        let state = rig.arm.state().ok();
+        if let Some(state) = &state {
+            session.show_arm(state);
+        }
+        while let Some(request) = session.bridge.poll() {
+            let place = (stage, state.as_ref());
+            if let Some(leave) = obey(request, config, rig, session, controls, place) {
+                stop(rig, by_hand)?;
+                return Ok(leave);
+            }
+        }
+        let rates = state.as_ref().and_then(|state| {
+            let rates = session.hand.rates(now, state, &*to_rates)?;
+            let ok = session.allowed && stays_outside(config, rig, state, &rates);
+            if !ok {
+                session.hand.drop_all();
+            }
+            ok.then_some((rates, state.mode))
+        });
+        match rates {
+            Some((rates, mode)) => by_hand = drive(rig, mode, rates),
+            None if by_hand => {
+                stop(rig, by_hand)?;
+                by_hand = false;
+                if stage == Stage::Before {
+                    show(config, rig, session)?;
+                }
+            }
+            None => {}
+        }
+        rig.clock.wait_until(now + period);
+        if config.ros.clock == RosClock::Simulated {
+            pause(period);
+        }
+    }
+}
+
+/// Simulated time costs none: waiting has to.
+#[expect(clippy::disallowed_methods, reason = "waits for what comes over ROS")]
+fn pause(period: Duration) {
+    std::thread::sleep(period);
+}
+
+/// Shows the needle as it would start from here.
+fn show(config: &Config, rig: &mut Rig, session: &mut Session) -> Result<(), RunError> {
+    let state = rig.arm.state()?;
+    let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
+    session.show(cycle.telemetry());
+    Ok(())
+}
+
+fn stop(rig: &mut Rig, moving: bool) -> Result<(), RunError> {
+    if moving {
+        rig.arm.stop()?;
+    }
+    Ok(())
+}
+
+/// One command by hand; whether it was taken.
+fn drive(rig: &mut Rig, mode: ArmMode, rates: Joints) -> bool {
+    if mode == ArmMode::Connected && rig.arm.enable().is_err() {
+        return false;
+    }
+    let command = RateCommand {
+        sequence: rig.next_sequence(),
+        stamp: rig.clock.now(),
+        rates,
+    };
+    rig.arm.command(&command).is_ok()
+}
+
+/// Answers a request; says so if it ends the waiting.
+fn obey(
+    request: Request,
+    config: &Config,
+    rig: &mut Rig,
+    session: &mut Session,
+    controls: &Controls,
+    (stage, state): (Stage, Option<&ArmState>),
+) -> Option<Leave> {
+    match request.command {
+        Command::Start | Command::Retract | Command::Home if !session.allowed => {
+            request.refuse("motion is not enabled");
+        }
+        Command::Start if stage == Stage::Before => {
+            request.accept("starting");
+            return Some(Leave::Start);
+        }
+        Command::Start => request.refuse("the insertion has ended; launch another"),
+        Command::Retract if stage == Stage::After => {
+            request.accept("withdrawing the needle");
+            return Some(Leave::Retract);
+        }
+        Command::Retract => request.refuse("nothing is inserted"),
+        Command::Pause => request.refuse("no insertion is under way"),
+        Command::Stop => {
+            session.hand.drop_all();
+            match rig.arm.stop() {
+                Ok(()) => request.accept("at rest"),
+                Err(error) => request.refuse(error.to_string()),
+            }
+        }
+        Command::Home => match state.map(|state| way_home(config, rig, state)) {
+            Some(true) => {
+                let home = rig.home;
+                if let Some(state) = state {
+                    session.hand.go(rig.clock.now(), state, home, HOMING);
+                }
+                request.accept("moving home");
+            }
+            Some(false) => request.refuse("the way home passes through the tissue: retract first"),
+            None => request.refuse("the arm does not report"),
+        },
+        Command::ClearFault => match rig.arm.reset() {
+            Ok(()) => request.accept("no fault"),
+            Err(error) => request.refuse(reason(&error)),
+        },
+        Command::Enable(allowed) => {
+            session.allowed = allowed;
+            if !allowed {
+                session.hand.drop_all();
+            }
+            request.accept(if allowed { "enabled" } else { "not enabled" });
+        }
+        Command::Target(target) if stage == Stage::Before => {
+            controls.aim(target);
+            request.accept("aiming there");
+        }
+        Command::Target(_) => request.refuse("the insertion has ended"),
+    }
+    None
+}
+
+fn reason(error: &hal::Error) -> String {
+    use std::error::Error as _;
+    error
+        .source()
+        .map_or_else(|| error.to_string(), ToString::to_string)
+}
+
+/// Depth of the straight needle's tip below the surface \[m\]; negative above.
+fn depth(config: &Config, bearings: &Bearings, joints: &Joints) -> f64 {
+    let base = bearings.world_from_arm_base.isometry() * bearings.chain.forward(joints);
+    let length = config.needle.length_mm * 1e-3;
+    let tip = base.translation.vector + base.rotation * Vector3::z() * length;
+    (tip - config.entry().coords).dot(&config.inward())
+}
+
+/// Whether motion by hand leaves the needle outside the tissue.
+fn stays_outside(config: &Config, rig: &Rig, state: &ArmState, rates: &Joints) -> bool {
+    let next = state.positions.zip(rates, |q, rate| q + rate * AHEAD);
+    [&state.positions, &next]
+        .iter()
+        .all(|joints| depth(config, &rig.bearings, joints) <= OUTSIDE)
+}
+
+/// Whether the needle stays outside the tissue all the way home.
+fn way_home(config: &Config, rig: &Rig, state: &ArmState) -> bool {
+    (0..=LOOKS).all(|i| {
+        let share = f64::from(i) / f64::from(LOOKS);
+        let joints = state.positions.zip(&rig.home, |a, b| a + share * (b - a));
+        depth(config, &rig.bearings, &joints) <= OUTSIDE
+    })
+}
+
+/// Joint rates for a twist of the needle's base.
+pub(super) fn to_rates(bearings: &Bearings, settings: RateSettings) -> Box<ToRates> {
+    let bearings = bearings.clone();
+    Box::new(move |joints: &Joints, twist: &Twist, axes: TwistAxes| {
+        let arm_base_from: Isometry3<f64> = match axes {
+            TwistAxes::World => *bearings.world_from_arm_base.inverse().isometry(),
+            TwistAxes::NeedleBase => bearings.chain.forward(joints),
+        };
+        let in_arm_base = Twist {
+            linear: arm_base_from.rotation * twist.linear,
+            angular: arm_base_from.rotation * twist.angular,
+        };
+        bearings.chain.rates(joints, &in_arm_base, &settings).rates
+    })
+}

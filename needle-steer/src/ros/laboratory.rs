@@ -1,0 +1,101 @@
+//! `emulate ros`: the simulated arm, phantom and sensors as a node.
+
+use std::time::Duration;
+
+use hal::{Arm, SensedShape, Stamp};
+use robots::kinematics::RateSettings;
+use rosbridge::TimeBase;
+use rosbridge::emulator::{ArmNode, LabNode, Seen};
+
+use super::Link;
+use super::idle::to_rates;
+use crate::config::{Backend, Config, RosClock};
+use crate::controls::Controls;
+use crate::rig::{Pace, Rig, RigBuildError};
+use crate::score::GroundTruth;
+
+/// Period of the feedback on the wall clock.
+const PERIOD: Duration = Duration::from_millis(8);
+/// Wait for a controller in lockstep, between looks at services and at the end.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+/// Serves a laboratory until `controls` are interrupted; calls `ready` when it does.
+///
+/// # Errors
+/// The configuration makes no laboratory, there is no master, or the arm fails.
+pub fn emulate(
+    config: &Config,
+    controls: &Controls,
+    ready: impl FnOnce(),
+) -> Result<(), RigBuildError> {
+    let mut config = config.clone();
+    config.run.backend = Backend::Sim;
+    let link = Link::named(&config, "needle_steer_laboratory", TimeBase::Simulated)?;
+    let lockstep = config.ros.clock == RosClock::Simulated;
+    let pace = if lockstep {
+        Pace::Free
+    } else {
+        Pace::Wall(link.time)
+    };
+    let mut rig = Rig::simulated(&config, pace)?;
+    let (Some(simulated), Some(truth)) = (rig.simulated_arm.take(), rig.world.take()) else {
+        return Err(RigBuildError::NoNode);
+    };
+    // The controller on the other side has the guard.
+    let mut arm = simulated.driver();
+    let names = rig.bearings.chain.names().to_vec();
+    let kinematics = to_rates(&rig.bearings, RateSettings::default());
+    let topics = ArmNode::new(&link.node, names, None)?.with_kinematics(kinematics);
+    let mut lab = LabNode::new(&link.node, topics)?;
+    show_next(&mut lab, &mut rig, &mut arm, truth.as_ref())?;
+    ready();
+    let mut shown = Stamp::ZERO;
+    while !controls.is_interrupted() {
+        if lockstep {
+            let Some(until) = lab.await_answer(&mut arm, PATIENCE)? else {
+                continue;
+            };
+            rig.clock.wait_until(until);
+            show_next(&mut lab, &mut rig, &mut arm, truth.as_ref())?;
+        } else {
+            let next = rig.clock.now() + PERIOD;
+            rig.clock.wait_until(next);
+            lab.arm.step(&mut arm, rig.clock.now())?;
+            let (exposed, shape) = (truth.newest().0, rig.sensor.poll()?);
+            if exposed != shown || shape.is_some() {
+                shown = exposed;
+                show(&mut lab, &rig, &mut arm, truth.as_ref(), shape)?;
+            }
+        }
+    }
+    drop(lab);
+    link.node.shutdown();
+    Ok(())
+}
+
+fn show_next(
+    lab: &mut LabNode,
+    rig: &mut Rig,
+    arm: &mut dyn Arm,
+    truth: &dyn GroundTruth,
+) -> Result<(), hal::Error> {
+    let shape = rig.sensor.poll()?;
+    show(lab, rig, arm, truth, shape)
+}
+
+fn show(
+    lab: &mut LabNode,
+    rig: &Rig,
+    arm: &mut dyn Arm,
+    truth: &dyn GroundTruth,
+    shape: Option<SensedShape>,
+) -> Result<(), hal::Error> {
+    let state = arm.state()?;
+    let seen = Seen {
+        shapes: shape.into_iter().collect(),
+        truth: truth.newest(),
+        pre_insertion: truth.pre_insertion(),
+    };
+    lab.show(rig.clock.now(), &state, seen);
+    Ok(())
+}

@@ -1,0 +1,195 @@
+//! ROS 1 at the edge of a run: the node, telemetry and requests, the back end `ros`, and the
+//! emulated laboratory.
+//!
+//! Nothing here sits between a measurement and a command: the run hands snapshots over and looks
+//! for requests once an arm period, and neither waits.
+
+mod idle;
+mod laboratory;
+mod remote;
+mod session;
+
+use std::time::{Duration, SystemTime};
+
+use hal::{Arm, ArmDescription, Clock};
+use robots::kinematics::Chain;
+use rosbridge::arm::{RosArm, RosArmError, RosArmOptions};
+use rosbridge::laboratory::{Laboratory, RosShapes};
+use rosbridge::lockstep::Lockstep;
+use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
+
+use crate::clock::{WallClock, WallTime};
+use crate::config::{Backend, Config, RosClock};
+use crate::controls::Controls;
+use crate::rig::Pace;
+use crate::run::{Insertion, RunError};
+
+pub use idle::{Leave, wait};
+pub use laboratory::emulate;
+use remote::RemoteLaboratory;
+pub use session::Session;
+
+/// Wait for an emulated laboratory's first truth, on the wall clock: a real one has none.
+const TRUTH: Duration = Duration::from_secs(1);
+
+/// Keeps the node up after an insertion, for services and for who looks; until interrupted.
+///
+/// # Errors
+/// The arm fails.
+pub fn stay(
+    config: &Config,
+    insertion: &mut Insertion<'_>,
+    session: &mut Session,
+    controls: &Controls,
+) -> Result<(), RunError> {
+    while idle::linger(config, insertion.rig, session, controls)? != Leave::Quit {
+        controls.renew();
+        match insertion.withdraw(config, session, controls) {
+            Ok(ended) => session.show_end(&ended),
+            // An arm that faults may be cleared, and the needle then be withdrawn.
+            Err(RunError::Device(error)) => session.note(&error),
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}
+
+/// Starts the program anew where the configuration names another master than the environment,
+/// which is where the ROS library looks.
+///
+/// # Errors
+/// The program cannot be started anew.
+#[expect(clippy::disallowed_methods, reason = "this is the edge")]
+pub fn choose_master(config: &Config) -> std::io::Result<()> {
+    const VARIABLE: &str = "ROS_MASTER_URI";
+    let uri = &config.ros.uri;
+    let wanted = config.ros.publish || config.run.backend == Backend::Ros;
+    if uri.is_empty() || !wanted || std::env::var_os(VARIABLE).is_some_and(|set| set == uri[..]) {
+        return Ok(());
+    }
+    let mut again = std::process::Command::new(std::env::current_exe()?);
+    again.args(std::env::args_os().skip(1)).env(VARIABLE, uri);
+    become_process(&mut again)
+}
+
+#[cfg(unix)]
+fn become_process(command: &mut std::process::Command) -> std::io::Result<()> {
+    use std::os::unix::process::CommandExt;
+    Err(command.exec())
+}
+
+#[cfg(not(unix))]
+fn become_process(_: &mut std::process::Command) -> std::io::Result<()> {
+    Err(std::io::Error::other(
+        "ros.uri needs Unix; set ROS_MASTER_URI instead",
+    ))
+}
+
+/// A node, and the time that it shares with the run.
+#[derive(Clone, Debug)]
+pub struct Link {
+    /// The node.
+    pub node: Node,
+    time: WallTime,
+    clock: RosClock,
+}
+
+/// The devices of a run over ROS.
+pub(crate) struct RosDevices {
+    pub(crate) clock: Box<dyn Clock>,
+    pub(crate) arm: Box<dyn Arm>,
+    pub(crate) shapes: RosShapes,
+    pub(crate) truth: Option<RemoteLaboratory>,
+}
+
+impl Link {
+    /// Becomes a node where `config` asks for it.
+    ///
+    /// # Errors
+    /// No master, one that does not answer, or a node open to other machines that should not be.
+    pub fn new(config: &Config) -> Result<Option<Self>, NodeError> {
+        let back_end = config.run.backend == Backend::Ros;
+        if !(config.ros.publish || back_end) {
+            return Ok(None);
+        }
+        let simulated = if back_end {
+            TimeBase::Remote
+        } else {
+            TimeBase::Simulated
+        };
+        Self::named(config, "needle_steer", simulated).map(Some)
+    }
+
+    /// Becomes a node; on a simulated clock, of this kind.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "ROS time is wall-clock time since the epoch"
+    )]
+    fn named(config: &Config, name: &str, simulated: TimeBase) -> Result<Self, NodeError> {
+        let time = WallTime::start();
+        let epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let base = match config.ros.clock {
+            RosClock::Wall => TimeBase::Wall {
+                origin: epoch.unwrap_or_default(),
+            },
+            RosClock::Simulated => simulated,
+        };
+        let node = Node::connect(&NodeOptions {
+            name: name.to_owned(),
+            network: config.ros.network,
+            time: base,
+        })?;
+        Ok(Self {
+            node,
+            time,
+            clock: config.ros.clock,
+        })
+    }
+
+    /// The pace of a simulated world that the node shows.
+    pub(crate) fn pace(&self) -> Pace {
+        match self.clock {
+            RosClock::Wall => Pace::Paced(self.time),
+            RosClock::Simulated => Pace::Free,
+        }
+    }
+
+    /// The back end `ros`.
+    pub(crate) fn devices(
+        &self,
+        config: &Config,
+        chain: &Chain,
+    ) -> Result<RosDevices, RosArmError> {
+        let options = RosArmOptions::new(ArmDescription {
+            name: "ros".to_owned(),
+            joint_names: chain.names().to_vec(),
+            limits: chain.limits().to_vec(),
+            period: Duration::from_secs_f64(config.ros.period_ms * 1e-3),
+        });
+        let node = &self.node;
+        if self.clock == RosClock::Simulated {
+            let parts = Lockstep::open(node, &options)?;
+            return Ok(RosDevices {
+                clock: Box::new(parts.clock),
+                arm: Box::new(parts.arm),
+                shapes: parts.shapes,
+                truth: Some(RemoteLaboratory::new(parts.laboratory)),
+            });
+        }
+        let laboratory = RemoteLaboratory::new(Laboratory::new(node)?);
+        let arm = RosArm::new(node, options)?;
+        let shapes = RosShapes::new(node)?;
+        let mut clock = WallClock::since(self.time);
+        let patience = clock.now() + TRUTH;
+        while !laboratory.is_known() && clock.now() < patience {
+            let next = clock.now() + Duration::from_millis(10);
+            clock.wait_until(next);
+        }
+        Ok(RosDevices {
+            clock: Box::new(clock),
+            arm: Box::new(arm),
+            shapes,
+            truth: laboratory.is_known().then_some(laboratory),
+        })
+    }
+}

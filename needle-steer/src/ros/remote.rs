@@ -1,0 +1,103 @@
+//! The score of a run in a laboratory elsewhere, from the truth that it publishes.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use hal::Stamp;
+use hal::telemetry::TruthReport;
+use nalgebra::Vector3;
+use rosbridge::laboratory::{Hidden, Laboratory};
+
+use crate::score::{GroundTruth, Score, TrueFigures};
+
+struct Inner {
+    laboratory: Laboratory,
+    newest: Option<Hidden>,
+    score: Option<Score>,
+}
+
+impl Inner {
+    fn observe(&mut self) {
+        while let Some(hidden) = self.laboratory.next_truth() {
+            self.newest = Some(hidden);
+            self.score_newest();
+        }
+    }
+
+    fn score_newest(&mut self) {
+        if let (Some(score), Some(hidden)) = (&mut self.score, &self.newest) {
+            let truth = &hidden.truth;
+            score.observe(
+                hidden.stamp,
+                [&truth.tip, &truth.direction],
+                [truth.max_stretch, truth.mean_stretch],
+            );
+        }
+    }
+
+    fn truth(&self) -> TruthReport {
+        self.newest
+            .as_ref()
+            .map_or_else(TruthReport::default, |hidden| hidden.truth.clone())
+    }
+}
+
+/// An emulated laboratory behind topics.
+pub(crate) struct RemoteLaboratory(Mutex<Inner>);
+
+impl RemoteLaboratory {
+    pub(crate) fn new(laboratory: Laboratory) -> Self {
+        Self(Mutex::new(Inner {
+            laboratory,
+            newest: None,
+            score: None,
+        }))
+    }
+
+    /// Locked, and up to date.
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        let mut inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        inner.observe();
+        inner
+    }
+
+    /// Whether there is a truth.
+    pub(crate) fn is_known(&self) -> bool {
+        self.lock().newest.is_some()
+    }
+}
+
+impl GroundTruth for RemoteLaboratory {
+    fn pre_insertion(&self) -> f64 {
+        self.lock()
+            .newest
+            .as_ref()
+            .map_or(0.0, |hidden| hidden.pre_insertion)
+    }
+
+    fn newest(&self) -> (Stamp, TruthReport) {
+        let inner = self.lock();
+        let stamp = inner.newest.as_ref().map_or(Stamp::ZERO, |h| h.stamp);
+        (stamp, inner.truth())
+    }
+
+    fn true_tip(&self) -> Vector3<f64> {
+        self.lock().truth().tip
+    }
+
+    fn watch(&self, target: Vector3<f64>) {
+        let mut inner = self.lock();
+        inner.score = Some(Score::new(target));
+        inner.score_newest();
+    }
+
+    fn report(&self) -> TruthReport {
+        let inner = self.lock();
+        Score::complete(inner.score.as_ref(), inner.truth())
+    }
+
+    fn figures(&self) -> Option<TrueFigures> {
+        let inner = self.lock();
+        let truth = inner.truth();
+        Some(inner.score?.figures(&truth.tip, &truth.direction))
+    }
+}
