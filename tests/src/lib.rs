@@ -5,6 +5,7 @@ mod arm_contract;
 mod arrows;
 mod calibration_truth;
 mod equations;
+mod ros;
 mod supervision;
 mod tidy;
 mod viper_contract;

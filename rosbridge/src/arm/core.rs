@@ -1,8 +1,13 @@
 //! The state machine of an arm behind ROS topics: no I/O, no clock.
 
+mod limits;
+
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use hal::guarded::{LimiterError, Motion};
+use limits::keeps_limits;
+
 use hal::{
     ArmDescription, ArmMode, ArmState, ErrorKind, FaultReason, Guard, Joints, Limiter, RateCommand,
     Stamp,
@@ -19,6 +24,11 @@ pub struct ArmTiming {
     pub command_late: Duration,
     /// Silence of the feedback at which an enabled arm faults.
     pub feedback: Duration,
+    /// Longest time by which the arm may follow the commands: its own ramps may be slower.
+    pub delay: Duration,
+    /// Time in which a distance from where the arm should be is forgotten: an arm that executes
+    /// velocities does not make up for what it lost in ramps.
+    pub settling: Duration,
 }
 
 impl Default for ArmTiming {
@@ -28,6 +38,8 @@ impl Default for ArmTiming {
             command_fault: Duration::from_millis(200),
             command_late: Duration::from_millis(100),
             feedback: Duration::from_millis(100),
+            delay: Duration::from_millis(150),
+            settling: Duration::from_secs(2),
         }
     }
 }
@@ -104,6 +116,10 @@ impl Refused {
     }
 }
 
+/// Part of its recent travel by which an arm may be off: ramps of its own, slower than those
+/// commanded.
+const SLIP: f64 = 0.15;
+
 /// Newest feedback.
 #[derive(Clone, Copy, Debug)]
 struct Feedback {
@@ -134,6 +150,10 @@ pub(crate) struct Core {
     hindrance: Option<FaultReason>,
     /// Where the arm should be if it executes what was sent.
     reference: Joints,
+    /// Where it should have been, as far back as it may be late.
+    references: VecDeque<Joints>,
+    /// How far each joint was told to go lately, there and back.
+    travel: Joints,
     zeros: Joints,
     closed: bool,
 }
@@ -158,6 +178,8 @@ impl Core {
             last_sequence: None,
             hindrance: None,
             reference: zeros,
+            references: VecDeque::new(),
+            travel: zeros,
             zeros,
             closed: false,
         })
@@ -215,6 +237,8 @@ impl Core {
         }
         let positions = self.fresh(now)?.positions;
         self.reference = positions;
+        self.references.clear();
+        self.travel = self.zeros;
         self.guard.assume(Motion::steady(self.zeros));
         self.command = None;
         self.mode = ArmMode::Enabled;
@@ -260,12 +284,8 @@ impl Core {
 
     pub(crate) fn stop(&mut self) {
         self.command = None;
-        if matches!(self.mode, ArmMode::Enabled | ArmMode::Moving) {
-            self.mode = if self.is_rest() {
-                ArmMode::Enabled
-            } else {
-                ArmMode::Stopping
-            };
+        if self.mode == ArmMode::Moving || self.mode == ArmMode::Enabled && !self.is_rest() {
+            self.mode = ArmMode::Stopping;
         }
     }
 
@@ -310,20 +330,82 @@ impl Core {
         if !ours && self.is_rest() {
             return None;
         }
-        let limited = self.guard.step(&feedback.positions, &wanted, self.period);
+        // Where the arm is by now, if it goes on as it was told.
+        let age = now.since(feedback.stamp).min(self.timing.feedback);
+        let going = self.guard.motion().rates;
+        let positions = feedback
+            .positions
+            .zip(&going, |q, rate| q + rate * age.as_secs_f64());
+        let rates = self.let_through(&positions, &wanted);
         if self.is_rest() {
-            self.reference = feedback.positions;
             let waits = self.command.is_some_and(|c| c.rates != self.zeros);
             if ours && !waits {
                 self.mode = ArmMode::Enabled;
             }
-        } else {
-            let period = self.period;
-            self.reference = self
-                .reference
-                .zip(&limited.rates, |q, rate| q + rate * period);
         }
-        Some(limited.rates)
+        self.advance_reference(&feedback.positions, &rates);
+        Some(rates)
+    }
+
+    /// What keeps every limit goes out unchanged, since another guard may stand before this one
+    /// and shape the motion; anything else is limited.
+    fn let_through(&mut self, positions: &Joints, wanted: &Joints) -> Joints {
+        if keeps_limits(
+            self.guard.limiter(),
+            positions,
+            self.guard.motion(),
+            wanted,
+            self.period,
+        ) {
+            let before = self.guard.motion().rates;
+            let period = self.period;
+            self.guard.assume(Motion {
+                rates: *wanted,
+                accelerations: wanted.zip(&before, |new, old| (new - old) / period),
+            });
+            return *wanted;
+        }
+        self.guard.step(positions, wanted, self.period).rates
+    }
+
+    /// Where the arm will be if it executes `rates`. What it loses and wins in ramps is forgotten
+    /// slowly, or at a rest.
+    fn advance_reference(&mut self, measured: &Joints, rates: &Joints) {
+        let window = self.timing.delay.as_secs_f64() / self.period;
+        let resting = self.references.len() as f64 >= window
+            && self.references.iter().all(|r| *r == self.reference);
+        let share = self.period / self.timing.settling.as_secs_f64().max(self.period);
+        let correction = if resting && *rates == self.zeros {
+            measured.zip(&self.reference, |q, r| q - r)
+        } else {
+            self.off_track(measured).map(|off| share * off)
+        };
+        for place in &mut self.references {
+            *place = place.zip(&correction, |r, c| r + c);
+        }
+        self.reference = self.reference.zip(&correction, |r, c| r + c);
+        while self.references.len() as f64 > window {
+            self.references.pop_front();
+        }
+        self.references.push_back(self.reference);
+        let period = self.period;
+        self.reference = self.reference.zip(rates, |r, rate| r + rate * period);
+        self.travel = self.travel.zip(rates, |travel, rate| {
+            travel * (1.0 - share) + rate.abs() * period
+        });
+    }
+
+    /// How far each joint is from where it should be, now or as long ago as it may be late.
+    fn off_track(&self, positions: &Joints) -> Joints {
+        let mut off = self.zeros;
+        for (i, q) in positions.iter().enumerate() {
+            let places = self.references.iter().chain([&self.reference]);
+            let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), r| {
+                (a.min(r[i]), b.max(r[i]))
+            });
+            off[i] = q - q.clamp(low, high);
+        }
+        off
     }
 
     /// Faults of an arm that we command.
@@ -337,15 +419,17 @@ impl Core {
         if let Some(reason) = self.hindrance {
             return self.fault(reason);
         }
-        let off = self
-            .reference
-            .zip(&feedback.positions, |a, b| a - b)
-            .max_abs();
+        let off = self.off_track(&feedback.positions);
+        let allowed = self.travel.map(|travel| self.tolerance + SLIP * travel);
+        let lost = off
+            .iter()
+            .zip(allowed.iter())
+            .any(|(off, allowed)| off.abs() > *allowed);
         if now.since(feedback.arrived) > self.timing.feedback {
             self.fault(FaultReason::StaleFeedback);
         } else if self.outside_limits() {
             self.fault(FaultReason::JointLimit);
-        } else if off > self.tolerance {
+        } else if lost {
             self.fault(FaultReason::TrackingError);
         } else if let Some(command) = self.command
             && command.rates != self.zeros
