@@ -1,12 +1,13 @@
 //! The state machine of an arm behind ROS topics: no I/O, no clock.
 
 mod limits;
+mod tracking;
 
-use std::collections::VecDeque;
 use std::time::Duration;
 
 use hal::guarded::{LimiterError, Motion};
 use limits::keeps_limits;
+use tracking::Tracking;
 
 use hal::{
     ArmDescription, ArmMode, ArmState, ErrorKind, FaultReason, Guard, Joints, Limiter, RateCommand,
@@ -116,10 +117,6 @@ impl Refused {
     }
 }
 
-/// Part of its recent travel by which an arm may be off: ramps of its own, slower than those
-/// commanded.
-const SLIP: f64 = 0.15;
-
 /// Newest feedback.
 #[derive(Clone, Copy, Debug)]
 struct Feedback {
@@ -148,12 +145,7 @@ pub(crate) struct Core {
     last_sequence: Option<u64>,
     /// Why the robot's controller cannot move it, where it says so.
     hindrance: Option<FaultReason>,
-    /// Where the arm should be if it executes what was sent.
-    reference: Joints,
-    /// Where it should have been, as far back as it may be late.
-    references: VecDeque<Joints>,
-    /// How far each joint was told to go lately, there and back.
-    travel: Joints,
+    tracking: Tracking,
     zeros: Joints,
     closed: bool,
 }
@@ -177,9 +169,7 @@ impl Core {
             command: None,
             last_sequence: None,
             hindrance: None,
-            reference: zeros,
-            references: VecDeque::new(),
-            travel: zeros,
+            tracking: Tracking::new(&timing, tolerance, description.period),
             zeros,
             closed: false,
         })
@@ -236,9 +226,7 @@ impl Core {
             return Err(Refused::Hindered { reason });
         }
         let positions = self.fresh(now)?.positions;
-        self.reference = positions;
-        self.references.clear();
-        self.travel = self.zeros;
+        self.tracking.restart(positions);
         self.guard.assume(Motion::steady(self.zeros));
         self.command = None;
         self.mode = ArmMode::Enabled;
@@ -343,7 +331,7 @@ impl Core {
                 self.mode = ArmMode::Enabled;
             }
         }
-        self.advance_reference(&feedback.positions, &rates);
+        self.tracking.advance(&feedback.positions, &rates);
         Some(rates)
     }
 
@@ -368,46 +356,6 @@ impl Core {
         self.guard.step(positions, wanted, self.period).rates
     }
 
-    /// Where the arm will be if it executes `rates`. What it loses and wins in ramps is forgotten
-    /// slowly, or at a rest.
-    fn advance_reference(&mut self, measured: &Joints, rates: &Joints) {
-        let window = self.timing.delay.as_secs_f64() / self.period;
-        let resting = self.references.len() as f64 >= window
-            && self.references.iter().all(|r| *r == self.reference);
-        let share = self.period / self.timing.settling.as_secs_f64().max(self.period);
-        let correction = if resting && *rates == self.zeros {
-            measured.zip(&self.reference, |q, r| q - r)
-        } else {
-            self.off_track(measured).map(|off| share * off)
-        };
-        for place in &mut self.references {
-            *place = place.zip(&correction, |r, c| r + c);
-        }
-        self.reference = self.reference.zip(&correction, |r, c| r + c);
-        while self.references.len() as f64 > window {
-            self.references.pop_front();
-        }
-        self.references.push_back(self.reference);
-        let period = self.period;
-        self.reference = self.reference.zip(rates, |r, rate| r + rate * period);
-        self.travel = self.travel.zip(rates, |travel, rate| {
-            travel * (1.0 - share) + rate.abs() * period
-        });
-    }
-
-    /// How far each joint is from where it should be, now or as long ago as it may be late.
-    fn off_track(&self, positions: &Joints) -> Joints {
-        let mut off = self.zeros;
-        for (i, q) in positions.iter().enumerate() {
-            let places = self.references.iter().chain([&self.reference]);
-            let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), r| {
-                (a.min(r[i]), b.max(r[i]))
-            });
-            off[i] = q - q.clamp(low, high);
-        }
-        off
-    }
-
     /// Faults of an arm that we command.
     fn supervise(&mut self, now: Stamp, feedback: &Feedback) {
         if !matches!(
@@ -419,17 +367,11 @@ impl Core {
         if let Some(reason) = self.hindrance {
             return self.fault(reason);
         }
-        let off = self.off_track(&feedback.positions);
-        let allowed = self.travel.map(|travel| self.tolerance + SLIP * travel);
-        let lost = off
-            .iter()
-            .zip(allowed.iter())
-            .any(|(off, allowed)| off.abs() > *allowed);
         if now.since(feedback.arrived) > self.timing.feedback {
             self.fault(FaultReason::StaleFeedback);
         } else if self.outside_limits() {
             self.fault(FaultReason::JointLimit);
-        } else if lost {
+        } else if self.tracking.is_lost(&feedback.positions) {
             self.fault(FaultReason::TrackingError);
         } else if let Some(command) = self.command
             && command.rates != self.zeros

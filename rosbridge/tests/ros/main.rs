@@ -13,7 +13,6 @@
 
 mod arm;
 mod child;
-mod launch;
 mod master;
 mod robustness;
 mod telemetry;

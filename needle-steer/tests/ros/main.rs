@@ -1,0 +1,59 @@
+//! The binary as a ROS node, on a private master, with ROS's own tools as the judges.
+#![expect(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    clippy::print_stderr,
+    clippy::disallowed_methods,
+    reason = "tests of live processes: they wait, tell what they skip, and fail by panicking"
+)]
+
+mod back_end;
+mod launch;
+#[path = "../../../rosbridge/tests/ros/master.rs"]
+#[expect(dead_code, reason = "shared with tests that use more of it")]
+mod master;
+mod picture;
+mod services;
+
+use std::process::{Child, Command, Stdio};
+
+use master::{Master, Running};
+
+const BINARY: &str = env!("CARGO_BIN_EXE_needle-steer");
+
+/// The binary on a master.
+fn start(master: &Master, arguments: &[&str]) -> Running {
+    let mut command = Command::new(BINARY);
+    master.environment(&mut command);
+    command
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null());
+    Running(command.spawn().unwrap())
+}
+
+fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill")
+        .args([name, &child.id().to_string()])
+        .status();
+    assert!(sent.unwrap().success());
+}
+
+fn nodes(master: &Master) -> String {
+    master.output(10, "rosnode", &["list"])
+}
+
+/// Calls a trigger: whether it was accepted, and the answer.
+fn call(master: &Master, service: &str) -> (bool, String) {
+    let answer = master.output(20, "rosservice", &["call", service]);
+    (answer.contains("success: True"), answer)
+}
+
+/// What `/diagnostics` says of the run.
+fn phase(master: &Master) -> String {
+    let text = master.output(10, "rostopic", &["echo", "-n", "1", "/diagnostics"]);
+    let mut lines = text.lines().skip_while(|line| !line.contains(": run\""));
+    lines.nth(1).unwrap_or_default().trim().to_owned()
+}
