@@ -362,16 +362,13 @@ impl<'a> Insertion<'a> {
             self.watch(target);
             return target;
         }
-        let target = match &self.rig.world {
-            Some(world) => {
-                let target = nominal_target(config, &world.true_tip(), &self.start);
-                world.watch(target);
-                target
-            }
-            None => {
-                let tip = self.cycle.telemetry().world_from_tip.origin().coords();
-                nominal_target(config, &tip, &self.start)
-            }
+        let target = if let Some(world) = &self.rig.world {
+            let target = nominal_target(config, &world.true_tip(), &self.start);
+            world.watch(target);
+            target
+        } else {
+            let tip = self.cycle.telemetry().world_from_tip.origin().coords();
+            nominal_target(config, &tip, &self.start)
         };
         in_stereo_frame(&target, &left_from_world)
     }

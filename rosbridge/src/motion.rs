@@ -181,7 +181,7 @@ fn along(from: &Joints, points: &[Waypoint], age: Duration) -> (Joints, Joints) 
     };
     for point in points {
         if age < point.after {
-            let span = (point.after - last.after).as_secs_f64();
+            let span = point.after.saturating_sub(last.after).as_secs_f64();
             let share = age.saturating_sub(last.after).as_secs_f64() / span;
             let step = point.positions.zip(&last.positions, |b, a| b - a);
             return (

@@ -15,6 +15,10 @@ pub enum RosClock {
 }
 
 /// ROS 1.
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "switches of a configuration, each with a key of its own"
+)]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ros {

@@ -96,6 +96,6 @@ fn show(
         truth: truth.newest(),
         pre_insertion: truth.pre_insertion(),
     };
-    lab.show(rig.clock.now(), &state, seen);
+    lab.show(rig.clock.now(), &state, &seen);
     Ok(())
 }

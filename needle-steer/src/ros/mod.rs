@@ -59,7 +59,6 @@ pub fn stay(
 ///
 /// # Errors
 /// The program cannot be started anew.
-#[expect(clippy::disallowed_methods, reason = "this is the edge")]
 pub fn choose_master(config: &Config) -> std::io::Result<()> {
     const VARIABLE: &str = "ROS_MASTER_URI";
     let uri = &config.ros.uri;

@@ -68,7 +68,7 @@ impl LabNode {
     }
 
     /// Publishes the laboratory's state; `now` is its time.
-    pub fn show(&mut self, now: Stamp, arm: &ArmState, seen: Seen) {
+    pub fn show(&mut self, now: Stamp, arm: &ArmState, seen: &Seen) {
         self.node.set_time(now);
         let stamp = self.clock.ros_stamp(now);
         if let Some(ticks) = &self.ticks {

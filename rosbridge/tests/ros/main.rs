@@ -13,6 +13,7 @@
 
 mod arm;
 mod child;
+#[expect(dead_code, reason = "shared with tests that use more of it")]
 mod master;
 mod robustness;
 mod telemetry;

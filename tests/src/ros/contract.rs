@@ -65,12 +65,12 @@ fn serve(world: &SimulatedArm, ended: &AtomicBool) {
     let node = node("arm", TimeBase::Simulated);
     let names = arm.description().joint_names.clone();
     let mut lab = LabNode::new(&node, ArmNode::new(&node, names, None).unwrap()).unwrap();
-    lab.show(world.now(), &arm.state().unwrap(), Seen::default());
+    lab.show(world.now(), &arm.state().unwrap(), &Seen::default());
     while !ended.load(Ordering::SeqCst) {
         let answer = lab.await_answer(&mut arm, Duration::from_millis(20));
         if let Some(until) = answer.unwrap() {
             world.advance_to(until);
-            lab.show(world.now(), &arm.state().unwrap(), Seen::default());
+            lab.show(world.now(), &arm.state().unwrap(), &Seen::default());
         }
     }
     drop(lab);

@@ -6,7 +6,11 @@ mod contract;
 mod insertions;
 
 #[path = "../../../rosbridge/tests/ros/master.rs"]
-#[expect(dead_code, reason = "shared with tests that use more of it")]
+#[expect(
+    dead_code,
+    clippy::disallowed_methods,
+    reason = "shared with tests that use more of it; waits for processes"
+)]
 mod master;
 
 use std::process::{Command, Stdio};
