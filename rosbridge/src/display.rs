@@ -88,6 +88,8 @@ const TRUTH: Colour = [0.8, 0.2, 0.9, 0.6];
 
 /// Diameter of the drawn target \[m\].
 const TARGET_DIAMETER: f64 = 0.006;
+/// Diameter of the true target \[m\]: seen where it lies outside of the drawn one.
+const TRUE_TARGET_DIAMETER: f64 = 0.004;
 /// Length of the drawn tip axis \[m\].
 const TIP_AXIS_LENGTH: f64 = 0.03;
 
@@ -143,7 +145,9 @@ pub(crate) fn markers(t: &Telemetry) -> MarkerArray {
         shape,
     ));
     if let Some(truth) = truth {
-        markers.push(sphere(t, "true_target", World::NAME, TRUTH, &truth.target));
+        let mut sphere = sphere(t, "true_target", World::NAME, TRUTH, &truth.target);
+        sphere.scale = convert::vector(&Vector3::repeat(TRUE_TARGET_DIAMETER));
+        markers.push(sphere);
     }
     MarkerArray { markers }
 }

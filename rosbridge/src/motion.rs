@@ -28,6 +28,8 @@ const SILENCE: Duration = Duration::from_millis(200);
 const GAIN: f64 = 5.0;
 /// Distance at which a trajectory's end is reached \[rad\].
 const REACHED: f64 = 1e-3;
+/// Rate at which the arm counts as standing there \[rad/s\].
+const AT_REST: f64 = 5e-3;
 /// Longest wait for the arm at a trajectory's end.
 const SETTLING: Duration = Duration::from_secs(2);
 
@@ -164,7 +166,8 @@ impl Active {
                 let (wanted, forward) = along(&self.from, points, age);
                 let off = wanted.zip(&arm.positions, |wanted, q| wanted - q);
                 let over = age >= end.after;
-                if over && (off.max_abs() < REACHED || age > end.after + SETTLING) {
+                let there = off.max_abs() < REACHED && arm.rates.max_abs() < AT_REST;
+                if over && (there || age > end.after + SETTLING) {
                     return None;
                 }
                 Some(forward.zip(&off, |rate, off| rate + GAIN * off))
