@@ -15,7 +15,7 @@ use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 
 /// Longest wait for a law step when no image comes \[s\]: then the law runs on prediction.
-const PREDICTION: f64 = 0.05;
+pub const PREDICTION: f64 = 0.05;
 /// Straight start where no protocol gives one \[m\].
 const PRE_INSERTION: f64 = 5e-3;
 /// Longest wait for the arm to come to rest.
@@ -42,6 +42,11 @@ pub enum RunError {
 
 /// Takes note of a run while it goes on.
 pub trait Observer {
+    /// The arm where the controller starts from; called first.
+    fn start(&mut self, arm: &ArmState) {
+        let _ = arm;
+    }
+
     /// A law step, with truth in simulation.
     fn step(&mut self, telemetry: &Telemetry);
 
@@ -75,6 +80,7 @@ pub fn run(
     controls: &Controls,
 ) -> Result<Summary, RunError> {
     let state = rig.arm.state()?;
+    observer.start(&state);
     let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
     let mut insertion = Insertion::new(config, rig, cycle, &state);
     if config.run.check_reach {
