@@ -65,9 +65,7 @@ pub struct RunDiff {
 impl RunDiff {
     /// Whether both runs read and did the same, bit by bit.
     pub const fn is_same(&self) -> bool {
-        self.measurements.is_none()
-            && self.commands.is_none()
-            && self.steps[0] == self.steps[1]
+        self.measurements.is_none() && self.commands.is_none() && self.steps[0] == self.steps[1]
     }
 }
 
@@ -112,8 +110,7 @@ impl RunDiff {
         if self.measurements.is_none() && !a.same_inputs(b) {
             self.measurements = Some(moment);
         }
-        if self.commands.is_none()
-            && !same_bits(&a.telemetry.joint_rates, &b.telemetry.joint_rates)
+        if self.commands.is_none() && !same_bits(&a.telemetry.joint_rates, &b.telemetry.joint_rates)
         {
             self.commands = Some(moment);
         }

@@ -18,6 +18,7 @@ pub mod world;
 pub mod clock;
 pub mod supervisor;
 pub mod config;
+pub mod reference;
 pub mod outcome;
 pub mod journal;
 pub mod replay;

@@ -167,7 +167,10 @@ impl ReplayReport {
 
 /// Whether two joint vectors are the same bit by bit.
 pub fn same_bits(a: &Joints, b: &Joints) -> bool {
-    a.len() == b.len() && a.iter().zip(b.iter()).all(|(a, b)| a.to_bits() == b.to_bits())
+    a.len() == b.len()
+        && a.iter()
+            .zip(b.iter())
+            .all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
 /// Whether a replayed step says what the recorded one said. Truth and the limits of the arm's
@@ -198,7 +201,10 @@ impl<'a> Tape<'a> {
     }
 
     /// Takes in a record; at a step, answers what was recorded and what is replayed.
-    fn play(&mut self, record: Record) -> Result<Option<(Box<Telemetry>, &Telemetry)>, ReplayError> {
+    fn play(
+        &mut self,
+        record: Record,
+    ) -> Result<Option<(Box<Telemetry>, &Telemetry)>, ReplayError> {
         match record {
             Record::Arm(state) => {
                 if self.player.is_none() {

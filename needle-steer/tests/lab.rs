@@ -26,7 +26,9 @@ fn stderr(output: &Output) -> String {
 
 /// A folder of this test's own, empty.
 fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("lab").join(name);
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .join("lab")
+        .join(name);
     if folder.exists() {
         std::fs::remove_dir_all(&folder).unwrap();
     }
@@ -39,13 +41,21 @@ fn text(path: &Path) -> &str {
 }
 
 fn json(output: &Output) -> serde_json::Value {
-    serde_json::from_slice(&output.stdout)
-        .unwrap_or_else(|e| panic!("{e}: {} {}", stdout(output), stderr(output)))
+    assert!(!output.stdout.is_empty(), "{}", stderr(output));
+    serde_json::from_slice(&output.stdout).unwrap()
 }
 
 /// The log of a short insertion.
 fn log_of(folder: &Path, more: &[&str]) -> PathBuf {
-    let mut arguments = vec!["run", "--out", text(folder), "--set", "target.depth_mm=30"];
+    let mut arguments = vec![
+        "run",
+        "--out",
+        text(folder),
+        "--set",
+        "target.depth_mm=30",
+        "--set",
+        "target.offset_mm=1",
+    ];
     arguments.extend(more);
     let output = needle_steer(&arguments);
     assert!(output.status.code().is_some(), "{}", stderr(&output));
@@ -70,7 +80,10 @@ fn replay_gives_the_same_commands_and_another_law_others() {
     assert_eq!(output.status.code(), Some(1));
     let report = json(&output);
     assert!(report["differing"].as_u64().unwrap() > 100, "{report}");
-    assert!(report["first"]["depth_mm"].as_f64().unwrap() > 1.0, "{report}");
+    assert!(
+        report["first"]["depth_mm"].as_f64().unwrap() > 1.0,
+        "{report}"
+    );
 }
 
 #[test]
@@ -115,11 +128,21 @@ fn shards_merge_to_the_table_of_the_whole() {
     let output = needle_steer(&["campaign", text(&file), "--out", text(&whole), "--json"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let found = json(&output);
-    assert_eq!((&found["runs"], &found["finished"]), (&16.into(), &16.into()));
+    assert_eq!(
+        (&found["runs"], &found["finished"]),
+        (&16.into(), &16.into())
+    );
     assert_eq!(found["pairs"].as_array().unwrap().len(), 2);
     for (shard, out) in [("1/2", &one), ("2/2", &two)] {
         let output = needle_steer(&[
-            "campaign", text(&file), "--shard", shard, "--jobs", "1", "--out", text(out),
+            "campaign",
+            text(&file),
+            "--shard",
+            shard,
+            "--jobs",
+            "1",
+            "--out",
+            text(out),
         ]);
         assert!(output.status.success(), "{}", stderr(&output));
     }
@@ -127,9 +150,19 @@ fn shards_merge_to_the_table_of_the_whole() {
     // One shard alone is not the whole.
     let output = needle_steer(&["campaign", "merge", text(&one), "--out", text(&merged)]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(stderr(&output).contains("8 of 16 runs are missing"), "{}", stderr(&output));
-    let output =
-        needle_steer(&["campaign", "merge", text(&one), text(&two), "--out", text(&merged)]);
+    assert!(
+        stderr(&output).contains("8 of 16 runs are missing"),
+        "{}",
+        stderr(&output)
+    );
+    let output = needle_steer(&[
+        "campaign",
+        "merge",
+        text(&one),
+        text(&two),
+        "--out",
+        text(&merged),
+    ]);
     assert!(output.status.success(), "{}", stderr(&output));
     let table = |folder: &Path| std::fs::read_to_string(folder.join("results.csv")).unwrap();
     assert_eq!(table(&merged), table(&whole));
@@ -146,12 +179,18 @@ fn moments(count: usize) -> Vec<f64> {
     let mut state = 20_u64;
     (0..count)
         .map(|_| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(99);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(99);
             (state >> 11) as f64 / (1_u64 << 53) as f64
         })
         .collect()
 }
 
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the kill is timed by the wall clock"
+)]
 fn kill_after(mut child: Child, delay: Duration) {
     std::thread::sleep(delay);
     // SIGKILL; one that has ended is as good.
@@ -159,7 +198,10 @@ fn kill_after(mut child: Child, delay: Duration) {
     child.wait().unwrap();
 }
 
-#[expect(clippy::disallowed_methods, reason = "the kill is timed by the wall clock")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the kill is timed by the wall clock"
+)]
 fn now() -> Instant {
     Instant::now()
 }
@@ -204,7 +246,9 @@ fn a_campaign_killed_at_random_moments_loses_and_doubles_nothing() {
 #[test]
 fn a_run_killed_at_random_moments_leaves_a_readable_log() {
     let folder = folder("run-killed");
-    // Real runs go on for minutes; this one writes as much in about a second.
+    let begun = now();
+    log_of(&folder.join("whole"), &["--set", "target.depth_mm=80"]);
+    let duration = begun.elapsed();
     let mut readable = 0;
     for (k, moment) in moments(20).into_iter().enumerate() {
         let out = folder.join(k.to_string());
@@ -214,7 +258,7 @@ fn a_run_killed_at_random_moments_leaves_a_readable_log() {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        kill_after(child, Duration::from_secs_f64(0.1 + 1.2 * moment));
+        kill_after(child, duration.mul_f64(0.1 + 0.8 * moment));
         let log = out.join("run.mcap");
         if !log.exists() || log.metadata().unwrap().len() < 20_000 {
             continue;
@@ -229,7 +273,7 @@ fn a_run_killed_at_random_moments_leaves_a_readable_log() {
         assert_eq!(json(&output)["differing"], 0);
         readable += 1;
     }
-    assert!(readable >= 10, "only {readable} of 20 logs were begun");
+    assert!(readable >= 10, "only {readable} of 20 logs had a step");
 }
 
 #[test]
@@ -252,14 +296,80 @@ fn a_report_is_one_page_that_fetches_nothing() {
         assert!(page.contains(part), "{part}");
     }
     assert!(!page.contains("<script src") && !page.contains("<link"));
-    assert_eq!(page.matches("plotly.js v").count(), 1, "the library stands once");
+    assert_eq!(
+        page.matches("plotly.js v").count(),
+        1,
+        "the library stands once"
+    );
     let reproduced = folder.join("reproduced");
     let output = needle_steer(&[
-        "reproduce", "--experiments", "e1,e2", "--runs", "2", "--out", text(&reproduced),
+        "reproduce",
+        "--experiments",
+        "e1,e2",
+        "--runs",
+        "2",
+        "--out",
+        text(&reproduced),
     ]);
     assert!(output.status.success(), "{}", stderr(&output));
     let output = needle_steer(&["report", text(&reproduced.join("reproduce.json"))]);
     assert!(output.status.success(), "{}", stderr(&output));
+}
+
+/// Run in the page: how many charts were drawn, and whether a frame of the slider moves the needle.
+const PROBE: &str = "<script>setTimeout(async () => {
+    const scene = document.getElementById('scene');
+    const tip = () => scene.data[0].z.slice(-1)[0];
+    const last = tip();
+    await Plotly.animate('scene', ['5'],
+        {mode: 'immediate', frame: {duration: 0, redraw: true}, transition: {duration: 0}});
+    const buttons = [...document.querySelectorAll('.updatemenu-button')].map(b => b.textContent);
+    document.title = 'probe ' + document.querySelectorAll('.js-plotly-plot').length + ' ' +
+        (tip() > last + 5) + ' ' + buttons.join(' ');
+}, 500);</script></body>";
+
+/// Needs a browser: says so and ends where none is installed.
+#[test]
+fn a_browser_draws_the_report_and_its_slider_moves_the_needle() {
+    let Some(browser) = ["chromium", "chromium-browser", "google-chrome"]
+        .into_iter()
+        .find(|name| Command::new(name).arg("--version").output().is_ok())
+    else {
+        println!("no chromium here: the report was not drawn");
+        return;
+    };
+    let folder = folder("browser");
+    let log = log_of(&folder, &[]);
+    assert!(needle_steer(&["report", text(&log)]).status.success());
+    let page = std::fs::read_to_string(folder.join("run.html")).unwrap();
+    let probed = folder.join("probe.html");
+    std::fs::write(&probed, page.replace("</body>", PROBE)).unwrap();
+    let output = Command::new(browser)
+        .args([
+            "--headless=new",
+            "--no-sandbox",
+            "--use-gl=angle",
+            "--use-angle=swiftshader",
+        ])
+        .args([
+            "--enable-unsafe-swiftshader",
+            "--virtual-time-budget=20000",
+            "--dump-dom",
+        ])
+        .arg(format!("file://{}", text(&probed)))
+        .output()
+        .unwrap();
+    let dom = String::from_utf8_lossy(&output.stdout);
+    let title = dom
+        .split("<title>")
+        .nth(1)
+        .and_then(|t| t.split("</title>").next());
+    assert_eq!(
+        title,
+        Some("probe 10 true play pause"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 #[test]
@@ -274,7 +384,12 @@ fn identification_writes_a_configuration_that_runs() {
     }
     let config = folder.join("mine.toml");
     let output = needle_steer(&[
-        "estimate", text(&logs[0]), text(&logs[1]), "--out", text(&config), "--json",
+        "estimate",
+        text(&logs[0]),
+        text(&logs[1]),
+        "--out",
+        text(&config),
+        "--json",
     ]);
     assert!(output.status.success(), "{}", stderr(&output));
     let found = json(&output);
@@ -290,7 +405,12 @@ fn identification_writes_a_configuration_that_runs() {
     let output = needle_steer(&["estimate", text(&log), "--json"]);
     let found = json(&output);
     assert_eq!(found["cut_angle_deg"]["identified"], false, "{found}");
-    assert!(found["cut_angle_deg"]["reason"].as_str().unwrap().contains("bevel"));
+    assert!(
+        found["cut_angle_deg"]["reason"]
+            .as_str()
+            .unwrap()
+            .contains("bevel")
+    );
 }
 
 #[test]
@@ -312,13 +432,28 @@ fn what_cannot_be_read_is_named_and_nothing_is_written() {
         (vec!["replay", text(&foreign)], 2, "foreign.mcap"),
         (vec!["replay", text(&empty)], 2, "empty.mcap"),
         (vec!["replay", "/does/not/exist.mcap"], 2, "exist.mcap"),
-        (vec!["diff", text(&foreign), text(&empty)], 2, "foreign.mcap"),
+        (
+            vec!["diff", text(&foreign), text(&empty)],
+            2,
+            "foreign.mcap",
+        ),
         (vec!["report", text(&foreign)], 2, "foreign.mcap"),
         (vec!["estimate", text(&csv)], 2, "the columns base_y_m"),
         (vec!["estimate", text(&foreign)], 2, "foreign.mcap"),
-        (vec!["campaign", text(&typo), "--out", text(&out)], 2, "line 1"),
         (
-            vec!["campaign", text(&campaign_file), "--shard", "3/2", "--out", text(&out)],
+            vec!["campaign", text(&typo), "--out", text(&out)],
+            2,
+            "line 1",
+        ),
+        (
+            vec![
+                "campaign",
+                text(&campaign_file),
+                "--shard",
+                "3/2",
+                "--out",
+                text(&out),
+            ],
             2,
             "expected K/N",
         ),
@@ -342,9 +477,16 @@ fn what_cannot_be_read_is_named_and_nothing_is_written() {
     assert!(output.status.success(), "{}", stderr(&output));
     let before = std::fs::read(out.join("results.csv")).unwrap();
     let output = needle_steer(&["campaign", text(&campaign_file), "--out", text(&out)]);
-    assert!(stderr(&output).contains("another campaign"), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("another campaign"),
+        "{}",
+        stderr(&output)
+    );
     assert_eq!(std::fs::read(out.join("results.csv")).unwrap(), before);
-    assert_eq!(std::fs::read_to_string(out.join("campaign.toml")).unwrap(), std::fs::read_to_string(&other).unwrap());
+    assert_eq!(
+        std::fs::read_to_string(out.join("campaign.toml")).unwrap(),
+        std::fs::read_to_string(&other).unwrap()
+    );
 }
 
 /// A disk that is full from the first byte.
@@ -355,14 +497,23 @@ fn a_full_disk_is_said_and_what_was_printed_is_right() {
     std::os::unix::fs::symlink("/dev/full", folder.join("run.mcap")).unwrap();
     let output = needle_steer(&["run", "--set", "target.depth_mm=20", "--out", text(&folder)]);
     assert!(!output.status.success());
-    assert!(stderr(&output).contains("No space left"), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("No space left"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 #[test]
 fn the_version_names_the_commit_of_a_checkout() {
     let version = stdout(&needle_steer(&["--version"]));
-    assert!(version.starts_with(concat!("needle-steer ", env!("CARGO_PKG_VERSION"))), "{version}");
-    let commit = Command::new("git").args(["rev-parse", "--short=10", "HEAD"]).output();
+    assert!(
+        version.starts_with(concat!("needle-steer ", env!("CARGO_PKG_VERSION"))),
+        "{version}"
+    );
+    let commit = Command::new("git")
+        .args(["rev-parse", "--short=10", "HEAD"])
+        .output();
     if let Ok(commit) = commit
         && commit.status.success()
     {

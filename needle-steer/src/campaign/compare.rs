@@ -85,9 +85,15 @@ pub struct Conclusions {
 pub fn conclude(plan: &Plan, rows: &[Row]) -> Conclusions {
     let mut groups: BTreeMap<u64, Vec<&Row>> = BTreeMap::new();
     for row in rows {
-        groups.entry(row.run / plan.seeds.count).or_default().push(row);
+        groups
+            .entry(row.run / plan.seeds.count)
+            .or_default()
+            .push(row);
     }
-    let cells = groups.values().filter_map(|rows| cell(plan, rows)).collect();
+    let cells = groups
+        .values()
+        .filter_map(|rows| cell(plan, rows))
+        .collect();
     let kinds = (plan.phantoms.len() * plan.targets.len()) as u64;
     let at = plan.laws.iter().position(|law| *law == plan.reference);
     let first = at.unwrap_or(0) as u64 * kinds;
@@ -194,7 +200,10 @@ mod tests {
         assert_eq!((found.cells.len(), found.pairs.len()), (2, 1));
         assert_eq!((found.cells[0].hits, found.cells[1].hits), (5, 5));
         let pair = &found.pairs[0];
-        assert_eq!((pair.law.as_str(), pair.better, pair.worse), ("hybrid", 20, 0));
+        assert_eq!(
+            (pair.law.as_str(), pair.better, pair.worse),
+            ("hybrid", 20, 0)
+        );
         assert!((pair.median_difference_mm + 0.1).abs() < 1e-12);
         let [low, high] = pair.interval_mm.unwrap();
         assert!((low + 0.1).abs() < 1e-12 && (high + 0.1).abs() < 1e-12);

@@ -137,7 +137,13 @@ mod tests {
     fn shards_cover_a_campaign_once() {
         for of in 1..6_u64 {
             for run in 0..30 {
-                let owners = (1..=of).filter(|number| Shard { number: *number, of }.has(run));
+                let owners = (1..=of).filter(|number| {
+                    Shard {
+                        number: *number,
+                        of,
+                    }
+                    .has(run)
+                });
                 assert_eq!(owners.count(), 1);
             }
         }

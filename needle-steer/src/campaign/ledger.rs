@@ -86,11 +86,7 @@ impl Ledger {
     ///
     /// # Errors
     /// See [`LedgerError`]. A ledger of another campaign is left as it is.
-    pub fn open(
-        folder: &Path,
-        plan: &Plan,
-        shard: Shard,
-    ) -> Result<(Self, Vec<u64>), LedgerError> {
+    pub fn open(folder: &Path, plan: &Plan, shard: Shard) -> Result<(Self, Vec<u64>), LedgerError> {
         let io = |file: &Path| {
             let file = file.to_owned();
             move |source| LedgerError::Io { file, source }
@@ -220,7 +216,7 @@ fn ledgers(folder: &Path) -> Result<Vec<PathBuf>, LedgerError> {
     for entry in std::fs::read_dir(folder).map_err(io)? {
         let path = entry.map_err(io)?.path();
         let named = path.file_name().and_then(|n| n.to_str());
-        if named.is_some_and(|n| n.starts_with("ledger-") && n.ends_with(".csv")) {
+        if named.is_some_and(|n| n.starts_with("ledger-") && n.strip_suffix(".csv").is_some()) {
             found.push(path);
         }
     }
@@ -245,7 +241,8 @@ mod tests {
     }
 
     fn folder(name: &str) -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("needle-steer-{name}-{}", std::process::id()));
+        let folder =
+            std::env::temp_dir().join(format!("needle-steer-{name}-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&folder);
         folder
     }
@@ -286,7 +283,10 @@ mod tests {
         drop(ledger);
         let before = std::fs::read(&path).unwrap();
         let foreign = Ledger::open(&folder, &plan(5), Shard::WHOLE).unwrap_err();
-        assert!(foreign.to_string().contains("another campaign"), "{foreign}");
+        assert!(
+            foreign.to_string().contains("another campaign"),
+            "{foreign}"
+        );
         assert_eq!(std::fs::read(&path).unwrap(), before);
         std::fs::remove_dir_all(&folder).unwrap();
     }

@@ -227,10 +227,12 @@ impl Plan {
     fn check(&self, name: &Path) -> Result<(), PlanError> {
         for run in 0..self.len() / self.seeds.count {
             let task = self.task(run * self.seeds.count);
-            self.config(&task).validate().map_err(|e| PlanError::Value {
-                file: name.to_owned(),
-                problem: format!("{}: {}", e.key, e.problem),
-            })?;
+            self.config(&task)
+                .validate()
+                .map_err(|e| PlanError::Value {
+                    file: name.to_owned(),
+                    problem: format!("{}: {}", e.key, e.problem),
+                })?;
         }
         Ok(())
     }
@@ -396,14 +398,20 @@ mod tests {
     fn typos_name_the_line() {
         let typo = SMALL.replace("seeds", "sedes");
         let message = parse(&typo).unwrap_err().to_string();
-        assert!(message.contains("line 2") && message.contains("sedes"), "{message}");
+        assert!(
+            message.contains("line 2") && message.contains("sedes"),
+            "{message}"
+        );
         let typo = SMALL.replace("insertion_speed_mm_s", "insertion_sped_mm_s");
         let message = parse(&typo).unwrap_err().to_string();
         assert!(message.starts_with("c.toml:10: key"), "{message}");
         assert!(message.contains("did you mean"), "{message}");
         let typo = SMALL.replace("hybrid", "hybird");
         let message = parse(&typo).unwrap_err().to_string();
-        assert!(message.contains("run.law") && message.contains("hybird"), "{message}");
+        assert!(
+            message.contains("run.law") && message.contains("hybird"),
+            "{message}"
+        );
     }
 
     #[test]
@@ -411,7 +419,11 @@ mod tests {
         for (from, to, expected) in [
             ("count = 3", "count = 0", "at least 1"),
             ("\"hybrid\"", "\"paper\"", "stands twice"),
-            ("laws = [\"paper\", \"hybrid\"]", "laws = []", "at least one"),
+            (
+                "laws = [\"paper\", \"hybrid\"]",
+                "laws = []",
+                "at least one",
+            ),
             ("laws", "reference = \"none\"\nlaws", "not among laws"),
             ("laws", "success_mm = nan\nlaws", "above 0"),
         ] {

@@ -165,7 +165,10 @@ mod tests {
         assert_eq!(text.matches('\n').count(), 1);
         let read = Row::parse(&text).unwrap();
         assert_eq!(read.line().unwrap(), line);
-        assert_eq!(read.true_error_mm.unwrap().to_bits(), (0.1 + 0.2_f64).to_bits());
+        assert_eq!(
+            read.true_error_mm.unwrap().to_bits(),
+            (0.1 + 0.2_f64).to_bits()
+        );
         let commas = text.len() - 3;
         assert!(Row::parse(&text[..text.len() / 2]).is_err());
         assert!(Row::parse(&text[..commas]).is_err());

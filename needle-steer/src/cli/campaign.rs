@@ -85,9 +85,9 @@ pub(super) fn execute(args: &CampaignArgs) -> anyhow::Result<ExitCode> {
     progress.bar.finish_and_clear();
     // Also after a failure: what is finished is worth a table.
     let concluded = conclude_folder(std::slice::from_ref(out), &plan, out, args.json);
-    result.or_else(|error| match error {
-        Failure::Interrupted => Err(anyhow::Error::from(error)),
-        Failure::Ledger(error) => Err(anyhow::Error::from(error).context("campaign stopped")),
+    result.map_err(|error| match error {
+        Failure::Interrupted => anyhow::Error::from(error),
+        Failure::Ledger(error) => anyhow::Error::from(error).context("campaign stopped"),
     })?;
     let found = concluded?;
     Ok(if found.failed == 0 {
@@ -198,8 +198,8 @@ impl Progress {
         *finished += 1;
         let every = (self.runs / 20).max(1);
         if self.bar.is_hidden() && (*finished).is_multiple_of(every) {
-            let left = self.clock.now().as_secs() / *finished as f64
-                * (self.runs - *finished) as f64;
+            let left =
+                self.clock.now().as_secs() / *finished as f64 * (self.runs - *finished) as f64;
             let _ = writeln!(
                 std::io::stderr(),
                 "{finished}/{} runs, {:.0} min {:02.0} s left",
@@ -224,7 +224,10 @@ fn print_text(found: &Conclusions, out: &Path) -> anyhow::Result<()> {
         "law", "phantom", "target", "median mm", "95 %", "median's interval", "hits", "hit rate"
     )?;
     let range = |r: Option<[f64; 2]>| {
-        r.map_or_else(|| "-".into(), |[low, high]| format!("{low:.3} to {high:.3}"))
+        r.map_or_else(
+            || "-".into(),
+            |[low, high]| format!("{low:.3} to {high:.3}"),
+        )
     };
     for c in &found.cells {
         writeln!(
@@ -237,7 +240,10 @@ fn print_text(found: &Conclusions, out: &Path) -> anyhow::Result<()> {
             c.p95_mm,
             range(c.median_interval_mm),
             format!("{}/{}", c.hits, c.runs),
-            format!("{:.2} to {:.2}", c.hit_rate_interval[0], c.hit_rate_interval[1]),
+            format!(
+                "{:.2} to {:.2}",
+                c.hit_rate_interval[0], c.hit_rate_interval[1]
+            ),
         )?;
     }
     for p in &found.pairs {

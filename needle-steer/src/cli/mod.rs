@@ -77,6 +77,8 @@ enum Command {
 enum ConfigCommand {
     /// The commented default configuration.
     Default,
+    /// Every key with its default and meaning, as Markdown.
+    Reference,
 }
 
 /// Runs the program.
@@ -189,6 +191,11 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
             which: ConfigCommand::Default,
         } => {
             std::io::stdout().write_all(config::DEFAULT_TOML.as_bytes())?;
+        }
+        Command::Config {
+            which: ConfigCommand::Reference,
+        } => {
+            std::io::stdout().write_all(crate::reference::page().as_bytes())?;
         }
         Command::Completions { shell } => {
             clap_complete::generate(

@@ -125,7 +125,11 @@ fn print_diff(found: &RunDiff) -> std::io::Result<()> {
         )?;
     }
     if found.versions[0] != found.versions[1] {
-        writeln!(out, "version: {} | {}", found.versions[0], found.versions[1])?;
+        writeln!(
+            out,
+            "version: {} | {}",
+            found.versions[0], found.versions[1]
+        )?;
     }
     writeln!(out, "steps: {} | {}", found.steps[0], found.steps[1])?;
     for (name, moment) in [

@@ -145,14 +145,19 @@ impl Recorder {
     }
 
     fn arm(&mut self, arm: &ArmState) {
-        self.odometry.push(arm.stamp, base_pose(&self.bearings, arm));
+        self.odometry
+            .push(arm.stamp, base_pose(&self.bearings, arm));
     }
 
     fn shape(&mut self, shape: &SensedShape) {
         let Some(world_from_base) = self.odometry.at(shape.stamp) else {
             return;
         };
-        let seen = in_world(shape, &world_from_base, &self.bearings.world_from_left_camera);
+        let seen = in_world(
+            shape,
+            &world_from_base,
+            &self.bearings.world_from_left_camera,
+        );
         // Tracked curves may be logged twice where no new image came.
         if self.seen.last().is_none_or(|last| last.stamp < seen.stamp) {
             self.seen.push(seen);

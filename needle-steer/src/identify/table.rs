@@ -66,7 +66,9 @@ impl Recording {
             };
             let one = row.seen().map_err(value)?;
             if seen.last().is_some_and(|last| last.stamp >= one.stamp) {
-                return Err(value("t_s: expected a later time than in the line before".into()));
+                return Err(value(
+                    "t_s: expected a later time than in the line before".into(),
+                ));
             }
             seen.push(one);
         }
@@ -102,13 +104,19 @@ impl Fields<'_> {
 
     fn vector(&self, names: [&str; 3]) -> Result<Vector3<f64>, String> {
         let [x, y, z] = names;
-        Ok(Vector3::new(self.number(x)?, self.number(y)?, self.number(z)?))
+        Ok(Vector3::new(
+            self.number(x)?,
+            self.number(y)?,
+            self.number(z)?,
+        ))
     }
 
     fn seen(&self) -> Result<Seen, String> {
         let time = self.number("t_s")?;
         if !(0.0..1e9).contains(&time) {
-            return Err(format!("t_s: expected a time from 0 to 1e9 s, found {time}"));
+            return Err(format!(
+                "t_s: expected a time from 0 to 1e9 s, found {time}"
+            ));
         }
         let quaternion = Quaternion::new(
             self.number("base_qw")?,
@@ -193,10 +201,19 @@ mod tests {
         let axis = read_back.seen[0].world_from_base.rotation * Vector3::z();
         assert!((axis + Vector3::z()).norm() < 1e-12);
         let cases = [
-            (good.replace("tip_z_m,", ""), "the columns tip_z_m are missing"),
-            (good.replace("0.376", "nan"), ":2: base_z_m: expected a finite number"),
+            (
+                good.replace("tip_z_m,", ""),
+                "the columns tip_z_m are missing",
+            ),
+            (
+                good.replace("0.376", "nan"),
+                ":2: base_z_m: expected a finite number",
+            ),
             (good.replace("1,0,0,0,", "1,1,0,0,"), "unit quaternion"),
-            (good.replace("0.4 0 0.27", "0.4 0"), "expected `x y z;x y z`"),
+            (
+                good.replace("0.4 0 0.27", "0.4 0"),
+                "expected `x y z;x y z`",
+            ),
             (format!("{HEAD}\n"), "no measurement"),
             (format!("{good}0,1,2\n"), "found record with 3 fields"),
         ];

@@ -1,9 +1,7 @@
 //! Scale of the tip load in the paper's springs model.
 
 use nalgebra::Vector3;
-use needle_model::{
-    Bevel, EstimationSettings, Estimator, Insertion, InsertionSettings, Tissue,
-};
+use needle_model::{Bevel, EstimationSettings, Estimator, Insertion, InsertionSettings, Tissue};
 
 use super::recording::Recording;
 use crate::springs;
@@ -27,8 +25,7 @@ pub(super) fn along(recording: &Recording, k_t: f64, k_sigma: f64) -> Vec<LogLoa
 fn fits(recording: &Recording, k_t: f64, k_sigma: f64) -> Option<Vec<LogLoad>> {
     let config = &recording.config;
     let first = recording.seen.first()?;
-    let outside =
-        first.world_from_base * nalgebra::Isometry3::translation(0.0, 0.0, -CLEARANCE);
+    let outside = first.world_from_base * nalgebra::Isometry3::translation(0.0, 0.0, -CLEARANCE);
     let mut insertion = Insertion::new(
         springs::needle(config).ok()?,
         Bevel::plane_cut(

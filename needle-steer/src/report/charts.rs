@@ -94,9 +94,8 @@ fn base(course: &Course) -> Plot {
 }
 
 fn stiffness(course: &Course) -> Plot {
-    let bound = |sign: f64| {
-        move |s: &Sample| s.row.stiffness * (sign * 1.96 * s.stiffness_sigma).exp()
-    };
+    let bound =
+        |sign: f64| move |s: &Sample| s.row.stiffness * (sign * 1.96 * s.stiffness_sigma).exp();
     let faint = "rgba(31,119,180,0.2)";
     chart(
         "Estimated tissue stiffness K_T",
@@ -163,9 +162,8 @@ fn steering(course: &Course) -> Plot {
     }
     let lowest = -0.15 * (modes.len() + 1) as f64;
     plot.set_layout(
-        layout("Duty cycle and mode of steering", "time [s]", "").y_axis(
-            Axis::new().title("duty cycle").range(vec![lowest, 1.05]),
-        ),
+        layout("Duty cycle and mode of steering", "time [s]", "")
+            .y_axis(Axis::new().title("duty cycle").range(vec![lowest, 1.05])),
     );
     plot
 }

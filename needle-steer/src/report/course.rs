@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use hal::telemetry::Telemetry;
 use hal::StereoFrame;
+use hal::telemetry::Telemetry;
 use nalgebra::{Point3, Vector3};
 use rosbridge::log::{LogReader, Record, RunInfo};
 
@@ -86,7 +86,9 @@ impl Course {
                 Record::Step(t) => {
                     let time = t.stamp.as_secs();
                     let start = first.get_or_insert_with(|| t.clone());
-                    course.samples.push(sample(&t, start, course.samples.last()));
+                    course
+                        .samples
+                        .push(sample(&t, start, course.samples.last()));
                     if time >= next {
                         next = time + duration / FRAMES;
                         course.frame(&t);
@@ -166,9 +168,17 @@ impl Course {
             None => add("ended", "the log breaks off: its run was killed".into()),
         }
         for (key, name, unit) in [
-            ("true_error_mm", "true distance of the target from the tip axis", "mm"),
+            (
+                "true_error_mm",
+                "true distance of the target from the tip axis",
+                "mm",
+            ),
             ("measured_error_mm", "measured distance", "mm"),
-            ("axial_error_mm", "target ahead of the tip at the stop", "mm"),
+            (
+                "axial_error_mm",
+                "target ahead of the tip at the stop",
+                "mm",
+            ),
             ("max_stretch_mm", "largest true tissue displacement", "mm"),
             ("mean_stretch_mm", "mean true tissue displacement", "mm"),
             ("duration_s", "duration of steering", "s"),
@@ -177,7 +187,7 @@ impl Course {
                 add(name, format!("{value:.3} {unit}"));
             }
         }
-        add("steps", self.samples.len().to_string());
+        add("steps", format!("{} law steps", self.samples.len()));
         let t = &self.config.target;
         let target = match t.kind {
             config::TargetKind::Aligned => format!("aligned, {} mm ahead", t.depth_mm),

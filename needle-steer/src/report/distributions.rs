@@ -36,7 +36,10 @@ pub(super) fn campaign(folder: &Path) -> Result<Page, ReportError> {
     page.plot("stretch", 420, &stretches(&rows));
     cells(&mut page, &found.cells);
     if !found.pairs.is_empty() {
-        page.heading(&format!("Paired against `{}`, seed by seed", plan.reference));
+        page.heading(&format!(
+            "Paired against `{}`, seed by seed",
+            plan.reference
+        ));
         page.grid(
             &[
                 "law",
@@ -120,7 +123,10 @@ fn cells(page: &mut Page, cells: &[Cell]) {
                     c.runs.to_string(),
                     c.passed.to_string(),
                     c.hits.to_string(),
-                    format!("{:.2} to {:.2}", c.hit_rate_interval[0], c.hit_rate_interval[1]),
+                    format!(
+                        "{:.2} to {:.2}",
+                        c.hit_rate_interval[0], c.hit_rate_interval[1]
+                    ),
                     format!("{:.3}", c.median_mm),
                     range(c.median_interval_mm),
                     format!("{:.3}", c.p5_mm),
@@ -148,8 +154,9 @@ fn boxes(rows: &[Row], title: &str, y: &str, value: impl Fn(&Row) -> Option<f64>
         values.push(value);
     }
     let mut plot = Plot::new();
-    for ((law, (places, values)), colour) in
-        laws.into_iter().zip([BLUE, ORANGE, GREEN, RED, GREY].iter().cycle())
+    for ((law, (places, values)), colour) in laws
+        .into_iter()
+        .zip([BLUE, ORANGE, GREEN, RED, GREY].iter().cycle())
     {
         plot.add_trace(
             BoxPlot::new_xy(places, values)
@@ -181,7 +188,11 @@ fn stretches(rows: &[Row]) -> Plot {
 fn reachable(cells: &[Cell]) -> Vec<Plot> {
     let mut groups: BTreeMap<(String, String, u64), Vec<&Cell>> = BTreeMap::new();
     for cell in cells {
-        let key = (cell.law.clone(), cell.phantom.clone(), cell.place[0].to_bits());
+        let key = (
+            cell.law.clone(),
+            cell.phantom.clone(),
+            cell.place[0].to_bits(),
+        );
         groups.entry(key).or_default().push(cell);
     }
     groups
@@ -193,10 +204,18 @@ fn reachable(cells: &[Cell]) -> Vec<Plot> {
                 (-c.place[1] * angle.sin(), c.place[1] * angle.cos())
             };
             let (x, y): (Vec<f64>, Vec<f64>) = cells.iter().map(|c| at(c)).unzip();
-            let rates: Vec<f64> = cells.iter().map(|c| c.hits as f64 / c.runs as f64).collect();
+            let rates: Vec<f64> = cells
+                .iter()
+                .map(|c| c.hits as f64 / c.runs as f64)
+                .collect();
             let texts: Vec<String> = cells
                 .iter()
-                .map(|c| format!("{}: {}/{} hits, median {:.2} mm", c.target, c.hits, c.runs, c.median_mm))
+                .map(|c| {
+                    format!(
+                        "{}: {}/{} hits, median {:.2} mm",
+                        c.target, c.hits, c.runs, c.median_mm
+                    )
+                })
                 .collect();
             let mut plot = Plot::new();
             plot.add_trace(
@@ -270,8 +289,15 @@ pub(super) fn experiments(file: &Path) -> Result<Page, ReportError> {
     );
     let mut plot = Plot::new();
     for experiment in &document.experiments {
-        let name = format!("{} {}, {}", experiment.name, experiment.law, experiment.target);
-        let errors: Vec<f64> = experiment.runs.iter().filter_map(|r| r.true_error_mm).collect();
+        let name = format!(
+            "{} {}, {}",
+            experiment.name, experiment.law, experiment.target
+        );
+        let errors: Vec<f64> = experiment
+            .runs
+            .iter()
+            .filter_map(|r| r.true_error_mm)
+            .collect();
         plot.add_trace(
             BoxPlot::new_xy(vec![name.clone(); errors.len()], errors)
                 .name(name.as_str())
@@ -285,7 +311,12 @@ pub(super) fn experiments(file: &Path) -> Result<Page, ReportError> {
     let (names, papers): (Vec<String>, Vec<f64>) = document
         .experiments
         .iter()
-        .map(|e| (format!("{} {}, {}", e.name, e.law, e.target), e.paper_error_mm))
+        .map(|e| {
+            (
+                format!("{} {}, {}", e.name, e.law, e.target),
+                e.paper_error_mm,
+            )
+        })
         .unzip();
     plot.add_trace(
         Scatter::new(names, papers)
@@ -305,7 +336,16 @@ pub(super) fn experiments(file: &Path) -> Result<Page, ReportError> {
     );
     page.plot("table1", 520, &plot);
     page.grid(
-        &["", "law", "target", "paper mm", "median mm", "5 %", "95 %", "passed"],
+        &[
+            "",
+            "law",
+            "target",
+            "paper mm",
+            "median mm",
+            "5 %",
+            "95 %",
+            "passed",
+        ],
         &document
             .experiments
             .iter()

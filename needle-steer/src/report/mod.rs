@@ -89,7 +89,7 @@ pub fn run(file: &Path) -> Result<Page, ReportError> {
         "Relative to the entry point; across the needle the scale is enlarged. Drag to turn, \
          press play or move the slider.",
     );
-    page.plot("scene", 640, &scene::plot(&course));
+    page.plot("scene", 700, &scene::plot(&course));
     page.heading("The course of the run");
     for (k, chart) in charts::all(&course).iter().enumerate() {
         page.plot(&format!("chart{k}"), 330, chart);

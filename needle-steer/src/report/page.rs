@@ -112,7 +112,11 @@ impl Page {
 
     /// The whole page.
     pub fn render(&self) -> String {
-        let script = if self.plots > 0 { library() } else { String::new() };
+        let script = if self.plots > 0 {
+            library()
+        } else {
+            String::new()
+        };
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width\">\

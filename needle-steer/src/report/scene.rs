@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 use plotly::common::{Line, Marker, MarkerSymbol, Mode};
+use plotly::layout::update_menu::{ButtonBuilder, UpdateMenu, UpdateMenuDirection, UpdateMenuType};
 use plotly::layout::{
-    Animation, AnimationMode, AnimationOptions, AspectMode, AspectRatio, Axis,
-    Camera, CameraCenter, Eye, Frame as PlotFrame, FrameSettings, LayoutScene, Margin, Slider,
+    Animation, AnimationMode, AnimationOptions, AspectMode, AspectRatio, Axis, Camera,
+    CameraCenter, Eye, Frame as PlotFrame, FrameSettings, LayoutScene, Margin, Slider,
     SliderCurrentValue, SliderStepBuilder, TransitionSettings,
 };
-use plotly::layout::update_menu::{ButtonBuilder, UpdateMenu, UpdateMenuDirection, UpdateMenuType};
 use plotly::{Layout, Plot, Scatter3D, Trace, Traces};
 
 use super::course::{Course, Frame};
@@ -30,7 +30,12 @@ pub(super) fn plot(course: &Course) -> Plot {
         if let Some(target) = target {
             let trace = points(&[target])
                 .mode(Mode::Markers)
-                .marker(Marker::new().color(colour).size(6).symbol(MarkerSymbol::Cross))
+                .marker(
+                    Marker::new()
+                        .color(colour)
+                        .size(6)
+                        .symbol(MarkerSymbol::Cross),
+                )
                 .name(name);
             plot.add_trace(trace);
         }
@@ -113,7 +118,10 @@ fn layout(course: &Course) -> Layout {
     let (x, y, z) = (extent(0), extent(1), extent(2));
     // The same enlargement in both directions across the needle.
     let half = 0.55 * (x.1 - x.0).max(y.1 - y.0).max(2.0);
-    let about = |(low, high): (f64, f64)| vec![(low + high) / 2.0 - half, (low + high) / 2.0 + half];
+    let about = |(low, high): (f64, f64)| {
+        let middle = f64::midpoint(low, high);
+        vec![middle - half, middle + half]
+    };
     let axis = |title: &str, range: Vec<f64>| Axis::new().title(title.to_owned()).range(range);
     let scene = LayoutScene::new()
         .x_axis(axis("x [mm]", about(x)))
@@ -128,7 +136,7 @@ fn layout(course: &Course) -> Layout {
         );
     Layout::new()
         .scene(scene)
-        .margin(Margin::new().left(0).right(0).top(30).bottom(70))
+        .margin(Margin::new().left(0).right(0).top(30).bottom(95))
         .sliders(vec![slider(course)])
         .update_menus(vec![buttons()])
 }
@@ -165,7 +173,11 @@ fn slider(course: &Course) -> Slider {
 
 fn buttons() -> UpdateMenu {
     let button = |label: &str, animation: Animation| {
-        ButtonBuilder::new().label(label).animation(animation).build().ok()
+        ButtonBuilder::new()
+            .label(label)
+            .animation(animation)
+            .build()
+            .ok()
     };
     let play = Animation::all_frames().options(at_once(80));
     UpdateMenu::new()
