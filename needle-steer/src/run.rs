@@ -5,17 +5,19 @@ use std::time::Duration;
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
 
+use crate::aim::{nominal_target, stereo_target};
 use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
 use crate::rig::{Rig, RigBuildError};
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
-use crate::world::{in_stereo_frame, place_target};
+use crate::world::in_stereo_frame;
+use hybrid_control::view::Law;
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 
 /// Longest wait for a law step when no image comes \[s\]: then the law runs on prediction.
-const PREDICTION: f64 = 0.05;
+pub const PREDICTION: f64 = 0.05;
 /// Straight start where no protocol gives one \[m\].
 const PRE_INSERTION: f64 = 5e-3;
 /// Longest wait for the arm to come to rest.
@@ -42,6 +44,11 @@ pub enum RunError {
 
 /// Takes note of a run while it goes on.
 pub trait Observer {
+    /// The arm where the controller starts from; called first.
+    fn start(&mut self, arm: &ArmState) {
+        let _ = arm;
+    }
+
     /// A law step, with truth in simulation.
     fn step(&mut self, telemetry: &Telemetry);
 
@@ -79,7 +86,22 @@ pub fn run(
     observer: &mut dyn Observer,
     controls: &Controls,
 ) -> Result<Summary, RunError> {
+    Insertion::begin(config, rig)?.carry_out(config, observer, controls)
+}
+
+/// As [`run`], steering with a law that has no name in the configuration.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn run_with_law(
+    config: &Config,
+    rig: &mut Rig,
+    law: Box<dyn Law>,
+    observer: &mut dyn Observer,
+    controls: &Controls,
+) -> Result<Summary, RunError> {
     let mut insertion = Insertion::begin(config, rig)?;
+    insertion.cycle.set_law(law);
     insertion.carry_out(config, observer, controls)
 }
 
@@ -93,6 +115,7 @@ pub struct Insertion<'a> {
     phase: Phase,
     before_pause: Phase,
     straight: f64,
+    first: ArmState,
     start: nalgebra::Isometry3<f64>,
     steering_since: Option<Stamp>,
     given_target: Option<Position<hal::frame::LeftCamera>>,
@@ -130,6 +153,7 @@ impl<'a> Insertion<'a> {
         observer: &mut dyn Observer,
         controls: &Controls,
     ) -> Result<Summary, RunError> {
+        observer.start(&self.first);
         self.given_target = controls.take_target();
         if config.run.check_reach {
             self.check_target(config)?;
@@ -185,6 +209,7 @@ impl<'a> Insertion<'a> {
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
+            first: *state,
             start,
             steering_since: None,
             given_target: None,
@@ -459,30 +484,4 @@ fn bounds(config: &Config) -> Bounds {
         encoder_stop: ms(s.encoder_stop_ms),
         dead_man: (s.dead_man_ms > 0.0).then(|| ms(s.dead_man_ms)),
     }
-}
-
-fn stereo_target(config: &Config) -> Position<hal::frame::LeftCamera> {
-    let [x, y, z] = config.target.position_mm.map(|v| v * 1e-3);
-    Position::new(nalgebra::Point3::new(x, y, z))
-}
-
-/// Aligned or shifted target from a tip and the holder's pose, World \[m\].
-fn nominal_target(
-    config: &Config,
-    tip: &nalgebra::Vector3<f64>,
-    world_from_holder: &nalgebra::Isometry3<f64>,
-) -> nalgebra::Vector3<f64> {
-    let t = &config.target;
-    let offset = if t.kind == TargetKind::Aligned {
-        0.0
-    } else {
-        t.offset_mm * 1e-3
-    };
-    place_target(
-        tip,
-        &hal::Transform::assume(*world_from_holder),
-        t.depth_mm * 1e-3,
-        offset,
-        t.angle_deg.to_radians(),
-    )
 }

@@ -132,10 +132,8 @@ pub(crate) fn play_controller() {
         assert!(started.elapsed() < Duration::from_secs(10), "no feedback");
         std::thread::sleep(Duration::from_millis(5));
     }
-    let origin = Instant::now();
+    let clock = node.clone();
     let before = arm.state().unwrap();
-    // The node's clock is the one of the stamps it gives.
-    let stamp = |origin: Instant| before.stamp + origin.elapsed();
     assert_eq!(before.mode, ArmMode::Connected);
     arm.enable().unwrap();
     let mut sequence = 0;
@@ -147,7 +145,7 @@ pub(crate) fn play_controller() {
             rates[0] = 0.2;
             let command = RateCommand {
                 sequence,
-                stamp: stamp(origin),
+                stamp: clock.now(),
                 rates,
             };
             if let Err(error) = arm.command(&command) {
@@ -185,6 +183,7 @@ pub(crate) fn play_controller() {
         arm.state().is_err() && format!("{arm:?}").contains(&format!("{mode:?}"))
     ));
     drop(arm);
+    drop(clock);
     node.shutdown();
 }
 
@@ -224,7 +223,13 @@ fn an_arm_stops_when_its_controller_dies() {
     };
     let _arm = Player::start(&master, "arm");
     let mut controller = Player::launch("controller", |command| master.environment(command));
-    while controller.line() != "moving" {}
+    loop {
+        let line = controller.line();
+        assert_ne!(line, "(ended)");
+        if line == "moving" {
+            break;
+        }
+    }
     std::thread::sleep(Duration::from_millis(500));
     drop(controller);
     std::thread::sleep(Duration::from_millis(500));
