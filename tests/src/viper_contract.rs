@@ -20,8 +20,7 @@ struct Emulated {
 }
 
 impl Emulated {
-    fn new(over_tcp: bool) -> Self {
-        let dialect = Dialect::Steer;
+    fn new(dialect: Dialect, over_tcp: bool) -> Self {
         let core = Core::new(Config::viper("emulated", dialect)).unwrap();
         let emulator = Emulator::new(EmulatorConfig::viper(dialect, start()));
         let (arm, rig) = if over_tcp {
@@ -73,10 +72,15 @@ impl Harness for Emulated {
 
 #[test]
 fn the_viper_keeps_the_contract_with_steer() {
-    keeps_the_contract(|| Emulated::new(false));
+    keeps_the_contract(|| Emulated::new(Dialect::Steer, false));
 }
 
 #[test]
 fn the_viper_keeps_the_contract_over_sockets() {
-    keeps_the_contract(|| Emulated::new(true));
+    keeps_the_contract(|| Emulated::new(Dialect::Steer, true));
+}
+
+#[test]
+fn the_viper_keeps_the_contract_with_the_2018_program() {
+    keeps_the_contract(|| Emulated::new(Dialect::Adept2018, false));
 }
