@@ -75,8 +75,13 @@ pub struct WallClock {
 impl WallClock {
     /// A clock that starts now.
     pub fn new() -> Self {
+        Self::since(WallTime::start())
+    }
+
+    /// A clock of a time that others read too.
+    pub fn since(origin: WallTime) -> Self {
         Self {
-            origin: WallTime::start(),
+            origin,
             tick: Duration::from_millis(4),
             advance: None,
         }
@@ -85,10 +90,16 @@ impl WallClock {
     /// A clock that starts now and moves a simulated world at least every `tick`.
     #[must_use]
     pub fn driving(tick: Duration, advance: impl FnMut(Stamp) + Send + 'static) -> Self {
+        Self::new().and_driving(tick, advance)
+    }
+
+    /// The same clock moving a simulated world at least every `tick`.
+    #[must_use]
+    pub fn and_driving(self, tick: Duration, advance: impl FnMut(Stamp) + Send + 'static) -> Self {
         Self {
             tick,
             advance: Some(Box::new(advance)),
-            ..Self::new()
+            ..self
         }
     }
 }

@@ -14,6 +14,8 @@ pub mod withdrawal;
 pub mod run;
 pub mod controls;
 pub mod rig;
+pub mod host;
+pub mod model_plant;
 pub mod world;
 pub mod clock;
 pub mod supervisor;

@@ -14,9 +14,12 @@ use robots::kinematics::{Chain, Turns, UrdfError};
 use robots::sim::{SimError, SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 
-use crate::clock::LockstepClock;
+use crate::clock::{LockstepClock, WallClock, WallTime};
 use crate::config::{Backend, Config, ViperDialect};
 use crate::cycle::Bearings;
+use crate::host::{self, HostError};
+use crate::model_plant::ModelPlant;
+use crate::springs::SpringsError;
 use crate::world::{Body, SimulatedWorld};
 
 /// Ticks of the simulated world.
@@ -63,9 +66,15 @@ pub enum RigBuildError {
     /// The Viper driver's or the emulated controller's threads and sockets.
     #[error("Viper driver: {0}")]
     ViperStart(#[from] viper::tcp::StartError),
+    /// The real controller.
+    #[error(transparent)]
+    Host(#[from] HostError),
+    /// The model that stands for the needle in a dry run in air.
+    #[error("model: {0}")]
+    Model(#[from] SpringsError),
     /// Nothing sees the needle on a real arm.
     #[error(
-        "viper.emulate = false: an insertion on the controller at {host} needs cameras, and run.sensor = \"shape\" is the phantom's"
+        "viper.emulate = false: an insertion on the controller at {host} needs cameras, and run.sensor = \"shape\" is the phantom's; only dry runs go without"
     )]
     NoSensor {
         /// Host of the controller.
@@ -119,17 +128,25 @@ impl Rig {
             config.run.seed,
         )?;
         let left_from_world = cameras.truth().left_from_world;
-        let bench = Bench::new(
-            &settings,
-            &Setup {
-                world_from_phantom: world_from_entry,
-                world_from_base: Transform::assume(start),
-                left_from_world,
-                seed: config.run.seed,
-            },
-        )?;
+        let setup = Setup {
+            world_from_phantom: world_from_entry,
+            world_from_base: Transform::assume(start),
+            left_from_world,
+            seed: config.run.seed,
+        };
+        let bench = if config.run.dry_run_air {
+            let mut flawless = phantom::Settings::preset("ideal")?;
+            // An estimator believes no measurement that claims to be exact.
+            flawless.sensor.noise_mm = 0.02;
+            flawless.sensor.direction_noise_deg = 0.1;
+            Bench::with_plant(&flawless, &setup, |base| -> Result<_, RigBuildError> {
+                Ok(Box::new(ModelPlant::new(config, base)?))
+            })?
+        } else {
+            Bench::new(&settings, &setup)?
+        };
 
-        let (driver, body, simulated_arm) = arm(config, &chain, &joints)?;
+        let (driver, body, time, simulated_arm) = arm(config, &chain, &joints)?;
         let period = driver.description().period;
         let world = SimulatedWorld::new(body, chain.clone(), world_from_arm_base, bench);
         let moved = world.clone();
@@ -137,7 +154,12 @@ impl Rig {
         let guard =
             Guard::new(limiter).with_tool(Box::new(chain.clone()), None, SpeedCaps::INSERTING);
         let mut rig = Self {
-            clock: Box::new(LockstepClock::new(TICK, move |now| moved.advance_to(now))),
+            clock: match time {
+                None => Box::new(LockstepClock::new(TICK, move |now| moved.advance_to(now))),
+                Some(time) => Box::new(
+                    WallClock::since(time).and_driving(TICK, move |now| moved.advance_to(now)),
+                ),
+            },
             arm: Recorded::new(Guarded::new(driver, guard)?, EVENTS),
             sensor: Box::new(world.shape_sensor()),
             bearings: Bearings {
@@ -181,31 +203,49 @@ impl core::fmt::Debug for Rig {
     }
 }
 
-/// An arm's driver, what moves in the simulated world, and the simulated arm if it is one.
-type ArmParts = (Box<dyn Arm>, Box<dyn Body>, Option<SimulatedArm>);
+/// An arm's driver, what moves in the simulated world, the wall's time where that counts, and the
+/// simulated arm if it is one.
+type ArmParts = (
+    Box<dyn Arm>,
+    Box<dyn Body>,
+    Option<WallTime>,
+    Option<SimulatedArm>,
+);
 
 fn arm(config: &Config, chain: &Chain, joints: &hal::Joints) -> Result<ArmParts, RigBuildError> {
     match config.run.backend {
         Backend::Sim => {
             let arm = SimulatedArm::new(chain, joints, SimSettings::default())?;
-            Ok((Box::new(arm.driver()), Box::new(arm.clone()), Some(arm)))
+            Ok((
+                Box::new(arm.driver()),
+                Box::new(arm.clone()),
+                None,
+                Some(arm),
+            ))
         }
         Backend::Viper => {
-            if !config.viper.emulate {
+            let is_dry = config.run.dry_run || config.run.dry_run_air;
+            if !config.viper.emulate && !is_dry {
                 return Err(RigBuildError::NoSensor {
                     host: config.viper.host.clone(),
                 });
             }
-            if config.viper.dialect == ViperDialect::Adept2018 {
+            if config.viper.dialect == ViperDialect::Adept2018 && !is_dry {
                 return Err(RigBuildError::PositioningOnly);
             }
-            let dialect = viper::Dialect::Steer;
-            let mut settings = viper::Config::viper(&config.viper.host, dialect);
-            settings.seed = config.run.seed;
+            if !config.viper.emulate {
+                let time = WallTime::start();
+                // Checks alone show where the arm is, wherever it stands.
+                let start = config.run.dry_run_air.then_some(joints);
+                let (arm, body) = host::connect(config, chain, start, time)?;
+                return Ok((Box::new(arm), Box::new(body), Some(time), None));
+            }
+            let settings = host::settings(config);
+            let dialect = settings.dialect;
             let core = viper::driver::Core::new(settings)?;
             let emulator = Emulator::new(EmulatorConfig::viper(dialect, *joints));
             let (arm, lockstep) = viper::lockstep::Lockstep::over_tcp(core, emulator)?;
-            Ok((Box::new(arm), Box::new(lockstep), None))
+            Ok((Box::new(arm), Box::new(lockstep), None, None))
         }
     }
 }

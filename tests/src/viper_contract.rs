@@ -1,8 +1,7 @@
 //! The Viper's driver on its controller's emulator keeps the contract of an arm.
 //!
-//! Only with the `steer` dialect: the 2018 program stops at the end of every segment, so that
-//! joints do not come near their ends in the time that the contract grants. The fault tests in
-//! `robots` cover both dialects.
+//! The 2018 program stands at the end of every segment, so that long ways take it many times
+//! longer. The fault tests in `robots` cover both dialects.
 
 use core::time::Duration;
 
@@ -17,6 +16,7 @@ struct Emulated {
     arm: Option<ViperArm>,
     rig: Lockstep,
     now: Stamp,
+    slowness: u32,
 }
 
 impl Emulated {
@@ -32,6 +32,7 @@ impl Emulated {
             arm: Some(arm),
             rig,
             now: Stamp::ZERO,
+            slowness: if dialect == Dialect::Steer { 1 } else { 12 },
         };
         // Connecting and the first feedback take time; 20 periods.
         this.advance_to(Stamp::ZERO + Duration::from_millis(320));
@@ -67,6 +68,10 @@ impl Harness for Emulated {
 
     fn drop_driver(&mut self) {
         self.arm = None;
+    }
+
+    fn slowness(&self) -> u32 {
+        self.slowness
     }
 }
 

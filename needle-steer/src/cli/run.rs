@@ -6,20 +6,30 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::Context;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use hal::telemetry::Telemetry;
-use hal::{ArmState, RateCommand, SensedShape};
+use hal::{Arm, ArmState, RateCommand, SensedShape};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::print_json;
 use crate::config::{self, Config};
 use crate::controls::Controls;
+use crate::host::degrees;
 use crate::journal::Journal;
 use crate::outcome::Summary;
 use crate::plot::write_run_plot;
 use crate::rig::Rig;
 use crate::run::{Observer, run};
 use crate::series::{Row, write_csv};
+
+/// What a dry run does.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum DryRun {
+    /// Checks everything, moves nothing.
+    Checks,
+    /// Moves the arm in air.
+    Air,
+}
 
 /// One insertion to a target.
 #[derive(Debug, Args)]
@@ -44,9 +54,16 @@ pub(super) struct RunArgs {
     /// Seed of everything random.
     #[arg(long)]
     seed: Option<u64>,
-    /// Check everything, move nothing.
-    #[arg(long)]
-    dry_run: bool,
+    /// Check everything, move nothing; with =air, move the arm in air, the controller's own model
+    /// in the place of needle and tissue.
+    #[arg(
+        long,
+        value_name = "HOW",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "checks"
+    )]
+    dry_run: Option<DryRun>,
     /// Folder for the results; made if missing.
     #[arg(long)]
     out: Option<PathBuf>,
@@ -72,9 +89,10 @@ impl RunArgs {
             );
         }
         overrides.extend(self.seed.map(|seed| format!("run.seed={seed}")));
-        if self.dry_run {
-            overrides.push("run.dry_run=true".into());
-        }
+        overrides.extend(self.dry_run.map(|how| match how {
+            DryRun::Checks => "run.dry_run=true".into(),
+            DryRun::Air => "run.dry_run_air=true".into(),
+        }));
         config::load(self.config.as_deref(), &overrides)
     }
 }
@@ -88,6 +106,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let config = args.config()?;
     let interrupt = interrupt_flag()?;
     let mut rig = Rig::new(&config)?;
+    if config.run.dry_run {
+        let joints = degrees(&rig.arm.state()?.positions);
+        writeln!(std::io::stderr(), "joints {joints} deg")?;
+    }
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     }

@@ -123,6 +123,8 @@ pub struct Run {
     pub check_reach: bool,
     /// Move nothing: configuration, reachability and limits are checked only.
     pub dry_run: bool,
+    /// Move the arm in air: the controller's own model stands for needle, tissue and sensor.
+    pub dry_run_air: bool,
 }
 
 impl Default for Run {
@@ -137,6 +139,7 @@ impl Default for Run {
             max_duration_s: 600.0,
             check_reach: true,
             dry_run: false,
+            dry_run_air: false,
         }
     }
 }
@@ -288,6 +291,10 @@ pub struct Viper {
     pub host: String,
     /// What the controller speaks.
     pub dialect: ViperDialect,
+    /// Port for points and stops; 0: the program's own.
+    pub motion_port: u16,
+    /// Port of the feedback; 0: the program's own.
+    pub state_port: u16,
 }
 
 impl Default for Viper {
@@ -296,6 +303,8 @@ impl Default for Viper {
             emulate: true,
             host: "127.0.0.1".into(),
             dialect: ViperDialect::Steer,
+            motion_port: 0,
+            state_port: 0,
         }
     }
 }
