@@ -5,7 +5,7 @@
 
 use hal::frame::{ArmBase, LeftCamera, World};
 use hal::telemetry::{ModelReport, Phase, SteeringMode, Telemetry, Tracking};
-use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, Transform, Twist};
+use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, StereoFrame, Transform, Twist};
 use hybrid_control::view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
 use hybrid_control::{
     Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, lateral_error,
@@ -13,9 +13,12 @@ use hybrid_control::{
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::{Chain, RateSettings, TurnBudget};
+use vision::StereoRig;
+use vision::track::TrackSettingsError;
 
 use crate::config::Config;
 use crate::odometry::Odometry;
+use crate::sight::Sight;
 use crate::springs::{self, SpringsError, SpringsModel};
 use crate::withdrawal::Withdrawal;
 
@@ -33,8 +36,10 @@ pub struct Snapshot<'a> {
     pub dt: f64,
     /// Newest encoder reading.
     pub arm: &'a ArmState,
-    /// A new measurement of the needle, if one arrived.
+    /// A new measurement of the needle, if a shape sensor made one.
     pub shape: Option<&'a SensedShape>,
+    /// A new pair of images, if cameras took one.
+    pub pair: Option<&'a StereoFrame>,
     /// What the run is doing.
     pub phase: Phase,
 }
@@ -48,6 +53,8 @@ pub struct Bearings {
     pub world_from_arm_base: Transform<World, ArmBase>,
     /// Registration of the stereo frame.
     pub world_from_left_camera: Transform<World, LeftCamera>,
+    /// The calibrated cameras, where images close the loop.
+    pub cameras: Option<StereoRig>,
 }
 
 /// A configuration that makes no cycle.
@@ -62,6 +69,9 @@ pub enum CycleError {
     /// The estimator.
     #[error(transparent)]
     Estimator(#[from] EstimatorError),
+    /// The tracker.
+    #[error(transparent)]
+    Tracker(#[from] TrackSettingsError),
 }
 
 /// The controller.
@@ -80,6 +90,7 @@ pub struct Cycle {
     target: Option<Position<LeftCamera>>,
     withdrawn: bool,
     shaft: Vec<(Point3<f64>, f64)>,
+    sight: Option<Sight>,
     telemetry: Telemetry,
 }
 
@@ -118,6 +129,7 @@ impl Cycle {
             target: None,
             withdrawn: false,
             shaft: Vec::with_capacity(128),
+            sight: sight(config, &bearings)?,
             telemetry: first_telemetry(state, &world_from_base, &tip.world_from_tip),
             bearings,
         })
@@ -143,6 +155,11 @@ impl Cycle {
         &self.estimator
     }
 
+    /// What the tracker made of the newest pair; nothing where no images close the loop.
+    pub fn sight(&self) -> Option<&Sight> {
+        self.sight.as_ref()
+    }
+
     /// The limits of the laws.
     pub fn limits(&self) -> &Limits {
         &self.limits
@@ -151,7 +168,10 @@ impl Cycle {
     /// One step; the answer's `joint_rates` are the command.
     pub fn step(&mut self, snapshot: &Snapshot<'_>) -> &Telemetry {
         let base = self.base(snapshot);
-        let measured = snapshot.shape.map(|shape| self.measure(shape));
+        let measured = match snapshot.shape {
+            Some(shape) => Some(self.measure(shape)),
+            None => snapshot.pair.and_then(|pair| self.track(pair)),
+        };
         let tip = self.estimator.predict(snapshot.now, &base);
         let springs = self.model(&base, &tip);
         let target = self.target_in_world(&tip);
@@ -169,6 +189,22 @@ impl Cycle {
             self.withdrawal.note(&base);
         }
         base
+    }
+
+    /// Images to curves to shape, with the base pose of their own instant.
+    fn track(&mut self, pair: &StereoFrame) -> Option<SensedTip> {
+        let world_from_base = self.odometry.at(pair.left.stamp)?;
+        let mut sight = self.sight.take()?;
+        let tracked = sight.look(pair, &world_from_base, &self.telemetry.model.shape);
+        let tip = match tracked {
+            Ok(tracked) if tracked.status == Tracking::Tracked => Some(self.measure(&tracked.shape)),
+            _ => {
+                self.telemetry.tracking = tracked.map_or(Tracking::Lost, |tracked| tracked.status);
+                None
+            }
+        };
+        self.sight = Some(sight);
+        tip
     }
 
     /// Takes a measurement in, with the base pose of its own instant.
@@ -354,6 +390,13 @@ impl core::fmt::Debug for Cycle {
             .field("step", &self.telemetry.step)
             .finish_non_exhaustive()
     }
+}
+
+/// The tracker, where cameras are known.
+fn sight(config: &Config, bearings: &Bearings) -> Result<Option<Sight>, TrackSettingsError> {
+    let left_from_world = bearings.world_from_left_camera.inverse();
+    let new = |rig| Sight::new(config, rig, left_from_world);
+    bearings.cameras.as_ref().map(new).transpose()
 }
 
 /// World pose of the needle's base at an encoder reading.

@@ -8,6 +8,7 @@
 //! stops the arm.
 
 pub mod cycle;
+pub mod sight;
 pub mod springs;
 pub mod odometry;
 pub mod withdrawal;
@@ -15,6 +16,7 @@ pub mod run;
 pub mod controls;
 pub mod rig;
 pub mod world;
+pub mod cameras;
 pub mod clock;
 pub mod supervisor;
 pub mod config;

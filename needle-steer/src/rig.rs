@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use hal::frame::{ArmBase, LeftCamera, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
-use hal::{Arm, Clock, Recorded, ShapeSensor, Transform};
+use hal::{
+    Arm, Clock, Recorded, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform,
+};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
 use phantom::{Bench, SettingsError, bench::Setup};
@@ -15,7 +17,8 @@ use robots::sim::{SimError, SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 
 use crate::clock::LockstepClock;
-use crate::config::{Backend, Config, ViperDialect};
+use crate::cameras;
+use crate::config::{Backend, Config, SensorKind, ViperDialect};
 use crate::cycle::Bearings;
 use crate::world::{Body, SimulatedWorld};
 
@@ -84,6 +87,71 @@ pub enum RigBuildError {
     Device(#[from] hal::Error),
 }
 
+/// What sees the needle.
+pub enum Eyes {
+    /// A sensor of needle shapes.
+    Shape(Box<dyn ShapeSensor>),
+    /// A stereo camera, in whose images the needle is tracked.
+    Cameras(Box<dyn StereoCamera>),
+}
+
+/// What the eyes saw since they were last asked.
+#[derive(Clone, Debug, Default)]
+pub enum Sighting {
+    /// Nothing new.
+    #[default]
+    Nothing,
+    /// The needle's shape.
+    Shape(SensedShape),
+    /// A pair of images.
+    Pair(StereoFrame),
+}
+
+impl Sighting {
+    /// Whether there is nothing new.
+    pub const fn is_none(&self) -> bool {
+        matches!(self, Self::Nothing)
+    }
+
+    /// The needle's shape, from a sensor of shapes.
+    pub const fn shape(&self) -> Option<&SensedShape> {
+        match self {
+            Self::Shape(shape) => Some(shape),
+            _ => None,
+        }
+    }
+
+    /// The pair of images.
+    pub const fn pair(&self) -> Option<&StereoFrame> {
+        match self {
+            Self::Pair(pair) => Some(pair),
+            _ => None,
+        }
+    }
+
+    /// When it was seen.
+    pub fn stamp(&self) -> Option<Stamp> {
+        match self {
+            Self::Nothing => None,
+            Self::Shape(shape) => Some(shape.stamp),
+            Self::Pair(pair) => Some(pair.left.stamp),
+        }
+    }
+}
+
+impl Eyes {
+    /// The newest sight.
+    ///
+    /// # Errors
+    /// The sensor is gone.
+    pub fn poll(&mut self) -> Result<Sighting, hal::Error> {
+        Ok(match self {
+            Self::Shape(sensor) => sensor.poll()?.map_or(Sighting::Nothing, Sighting::Shape),
+            Self::Cameras(cameras) => cameras.poll()?.map_or(Sighting::Nothing, Sighting::Pair),
+        })
+    }
+}
+
 /// The devices of one run.
 pub struct Rig {
     /// The run's clock.
@@ -91,7 +159,7 @@ pub struct Rig {
     /// The arm, guarded and recorded.
     pub arm: Recorded<Guarded<Box<dyn Arm>>>,
     /// What sees the needle.
-    pub sensor: Box<dyn ShapeSensor>,
+    pub eyes: Eyes,
     /// Geometry as calibration and registration know it.
     pub bearings: Bearings,
     /// The simulated world, where there is one.
@@ -113,25 +181,34 @@ impl Rig {
         let settings =
             phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
         let world_from_entry = config.world_from_entry();
-        let cameras = StereoRig::new(
-            &CameraSettings::default(),
-            &world_from_entry,
-            config.run.seed,
-        )?;
-        let left_from_world = cameras.truth().left_from_world;
+        let images = config.run.sensor == SensorKind::Images;
+        let camera_settings = if images {
+            cameras::settings(config)?
+        } else {
+            CameraSettings::ideal()
+        };
+        let stereo = StereoRig::new(&camera_settings, &world_from_entry, config.run.seed)?;
+        let stereo_from_world = *stereo.stereo_from_world();
+        let registered = stereo.given().left_from_world;
+        let calibrated = images.then(|| cameras::calibrated(stereo.given()));
         let bench = Bench::new(
             &settings,
             &Setup {
                 world_from_phantom: world_from_entry,
                 world_from_base: Transform::assume(start),
-                left_from_world,
+                left_from_world: stereo_from_world,
                 seed: config.run.seed,
             },
         )?;
+        let bench = if images {
+            bench.with_cameras(stereo)
+        } else {
+            bench
+        };
 
         let (driver, body, simulated_arm) = arm(config, &chain, &joints)?;
         let period = driver.description().period;
-        let world = SimulatedWorld::new(body, chain.clone(), world_from_arm_base, bench);
+        let world = SimulatedWorld::new(body, chain.clone(), world_from_arm_base, bench, stereo_from_world);
         let moved = world.clone();
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
         let guard =
@@ -139,11 +216,16 @@ impl Rig {
         let mut rig = Self {
             clock: Box::new(LockstepClock::new(TICK, move |now| moved.advance_to(now))),
             arm: Recorded::new(Guarded::new(driver, guard)?, EVENTS),
-            sensor: Box::new(world.shape_sensor()),
+            eyes: if images {
+                Eyes::Cameras(Box::new(world.cameras()))
+            } else {
+                Eyes::Shape(Box::new(world.shape_sensor()))
+            },
             bearings: Bearings {
                 chain,
                 world_from_arm_base,
-                world_from_left_camera: left_from_world.inverse(),
+                world_from_left_camera: registered.inverse(),
+                cameras: calibrated,
             },
             world: Some(world),
             simulated_arm,

@@ -1,6 +1,6 @@
 //! The run loop: the only code that moves an arm. Every way out of it stops the arm.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
@@ -9,7 +9,8 @@ use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
-use crate::rig::{Rig, RigBuildError};
+use crate::rig::{Rig, RigBuildError, Sighting};
+use crate::sight::Sight;
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
 use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
@@ -48,6 +49,11 @@ pub trait Observer {
     /// What the step read; called before [`Observer::step`].
     fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
         let _ = (arm, shape);
+    }
+
+    /// How long the step of control took on the wall clock; no part of the run's own results.
+    fn timed(&mut self, step: Duration) {
+        let _ = step;
     }
 
     /// A command that went out.
@@ -210,28 +216,29 @@ impl<'a> Insertion<'a> {
         state: &ArmState,
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
-        let shape = self.rig.sensor.poll()?;
+        let sight = self.rig.eyes.poll()?;
         let since = self
             .last_law
             .map_or(f64::INFINITY, |last| now.secs_since(last));
-        if shape.is_none() && since < PREDICTION {
+        if sight.is_none() && since < PREDICTION {
             return Ok(());
         }
-        if let Some(shape) = &shape {
-            self.supervisor.image(shape.stamp);
-        }
         self.change_phase(config, now, state);
-        observer.inputs(state, shape.as_ref());
         let dt = if since.is_finite() { since } else { PREDICTION };
+        let begun = Instant::now();
         let telemetry = self.cycle.step(&Snapshot {
             now,
             dt,
             arm: state,
-            shape: shape.as_ref(),
+            shape: sight.shape(),
+            pair: sight.pair(),
             phase: self.phase,
         });
         self.rates = telemetry.joint_rates;
+        observer.timed(begun.elapsed());
         self.last_law = Some(now);
+        self.note_image(&sight);
+        observer.inputs(state, sight.shape().or_else(|| self.tracked()));
         let telemetry = self.cycle.telemetry_mut();
         telemetry
             .law
@@ -240,6 +247,20 @@ impl<'a> Insertion<'a> {
         telemetry.truth = self.rig.world.as_ref().map(SimulatedWorld::report);
         observer.step(telemetry);
         Ok(())
+    }
+
+    /// Tells the supervisor of an image. On its straight way in and out the needle may be out of
+    /// the cameras' sight.
+    fn note_image(&mut self, sight: &Sighting) {
+        let Some(stamp) = sight.stamp() else { return };
+        let may_hide = matches!(self.phase, Phase::PreInsertion | Phase::Retracting);
+        let found = sight.shape().is_some() || self.tracked().is_some();
+        self.supervisor.image(stamp, found || may_hide);
+    }
+
+    /// The shape that the tracker found in the newest pair.
+    fn tracked(&self) -> Option<&SensedShape> {
+        self.cycle.sight().and_then(Sight::shape)
     }
 
     /// Pauses, retracts or resumes as the user asks.
@@ -283,7 +304,12 @@ impl<'a> Insertion<'a> {
 
     /// The target in the stereo frame. In simulation the protocol places it by the true tip.
     fn place_target(&self, config: &Config) -> Position<hal::frame::LeftCamera> {
-        let left_from_world = self.rig.left_from_world();
+        let registered = self.rig.left_from_world();
+        let left_from_world = self
+            .rig
+            .world
+            .as_ref()
+            .map_or(registered, SimulatedWorld::stereo_from_world);
         let target = match (config.target.kind, &self.rig.world) {
             (TargetKind::Stereo, _) => {
                 let target = stereo_target(config);

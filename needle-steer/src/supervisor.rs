@@ -56,6 +56,12 @@ pub enum StopReason {
         /// Age of the newest image \[s\].
         age_s: f64,
     },
+    /// Images came, but no needle was found in them for too long.
+    #[error("the needle was not found in the images for {age_s:.3} s")]
+    NeedleLost {
+        /// Age of the newest image in which it was \[s\].
+        age_s: f64,
+    },
     /// Tissue stretched too far.
     #[error("tissue stretched by {value_m:.4} m, bound {bound_m:.4} m")]
     TissueStretch {
@@ -110,6 +116,7 @@ pub enum Verdict {
 pub struct Supervisor {
     bounds: Bounds,
     newest_image: Stamp,
+    newest_sight: Stamp,
     dead_man: (u64, Stamp),
     latched: Option<StopReason>,
 }
@@ -120,14 +127,18 @@ impl Supervisor {
         Self {
             bounds,
             newest_image: start,
+            newest_sight: start,
             dead_man: (0, start),
             latched: None,
         }
     }
 
-    /// Notes the exposure of an image that arrived.
-    pub fn image(&mut self, stamp: Stamp) {
+    /// Notes the exposure of an image that arrived, and whether the needle was found in it.
+    pub fn image(&mut self, stamp: Stamp, found: bool) {
         self.newest_image = self.newest_image.max(stamp);
+        if found {
+            self.newest_sight = self.newest_sight.max(stamp);
+        }
     }
 
     /// Notes the count of dead-man's tokens.
@@ -149,7 +160,7 @@ impl Supervisor {
         }
         match &self.latched {
             Some(reason) => Verdict::Stop(reason.clone()),
-            None if now.since(self.newest_image) > self.bounds.image_hold => Verdict::Hold,
+            None if now.since(self.newest_sight) > self.bounds.image_hold => Verdict::Hold,
             None => Verdict::Go,
         }
     }
@@ -169,6 +180,11 @@ impl Supervisor {
         if now.since(self.newest_image) > bounds.image_stop {
             return Err(StopReason::ImageTimeout {
                 age_s: now.secs_since(self.newest_image),
+            });
+        }
+        if now.since(self.newest_sight) > bounds.image_stop {
+            return Err(StopReason::NeedleLost {
+                age_s: now.secs_since(self.newest_sight),
             });
         }
         if bounds

@@ -4,7 +4,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::telemetry::TruthReport;
-use hal::{Error, Joints, Position, SensedShape, ShapeSensor, Stamp, Transform};
+use hal::{
+    Error, Joints, Position, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform,
+};
 use nalgebra::Vector3;
 use phantom::Bench;
 use phantom::experiment::Passing;
@@ -35,6 +37,7 @@ struct Inner {
     chain: Chain,
     world_from_arm_base: Transform<World, ArmBase>,
     bench: Bench,
+    stereo_from_world: Transform<LeftCamera, World>,
     score: Option<Score>,
 }
 
@@ -68,18 +71,21 @@ pub struct TrueFigures {
 pub struct SimulatedWorld(Arc<Mutex<Inner>>);
 
 impl SimulatedWorld {
-    /// A world in which `body` carries the needle of `bench`.
+    /// A world in which `body` carries the needle of `bench`; the frame of its sensors'
+    /// measurements truly lies at `stereo_from_world`.
     pub fn new(
         body: Box<dyn Body>,
         chain: Chain,
         world_from_arm_base: Transform<World, ArmBase>,
         bench: Bench,
+        stereo_from_world: Transform<LeftCamera, World>,
     ) -> Self {
         Self(Arc::new(Mutex::new(Inner {
             body,
             chain,
             world_from_arm_base,
             bench,
+            stereo_from_world,
             score: None,
         })))
     }
@@ -157,8 +163,19 @@ impl SimulatedWorld {
         })
     }
 
-    /// The sensor of this world.
+    /// Where the frame of the sensors' measurements truly lies; a registration may think
+    /// otherwise.
+    pub fn stereo_from_world(&self) -> Transform<LeftCamera, World> {
+        self.lock().stereo_from_world
+    }
+
+    /// The fast sensor of this world.
     pub fn shape_sensor(&self) -> impl ShapeSensor + use<> {
+        WorldSensor(self.clone())
+    }
+
+    /// The cameras of this world.
+    pub fn cameras(&self) -> impl StereoCamera + use<> {
         WorldSensor(self.clone())
     }
 }
@@ -190,6 +207,12 @@ struct WorldSensor(SimulatedWorld);
 impl ShapeSensor for WorldSensor {
     fn poll(&mut self) -> Result<Option<SensedShape>, Error> {
         ShapeSensor::poll(&mut self.0.lock().bench)
+    }
+}
+
+impl StereoCamera for WorldSensor {
+    fn poll(&mut self) -> Result<Option<StereoFrame>, Error> {
+        StereoCamera::poll(&mut self.0.lock().bench)
     }
 }
 

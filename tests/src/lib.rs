@@ -7,4 +7,5 @@ mod calibration_truth;
 mod equations;
 mod supervision;
 mod tidy;
+mod tracking;
 mod viper_contract;

@@ -5,6 +5,7 @@
 //! * [`calibrate`]: from corners to a rig with covariance.
 //! * [`report`]: a calibration as an HTML page.
 //! * [`register`]: the cameras in the laboratory.
+//! * [`track`]: the needle in images.
 //! * [`files`]: calibrations and images on disk.
 #![cfg_attr(
     test,
@@ -18,5 +19,6 @@ pub mod files;
 mod homography;
 pub mod register;
 pub mod report;
+pub mod track;
 
 pub use camera::{Camera, DistortedPx, StereoRig, UndistortedPx};

@@ -33,6 +33,7 @@ impl Config {
         self.validate_run()?;
         self.validate_needle()?;
         self.validate_law()?;
+        self.validate_cameras()?;
         self.validate_arm()?;
         self.validate_limits()
     }
@@ -112,6 +113,27 @@ impl Config {
                 problem: e.to_string(),
             })?;
         Ok(())
+    }
+
+    fn validate_cameras(&self) -> Result<(), Invalid> {
+        let width = self.cameras.width_px;
+        if ![640, 1280].contains(&width) {
+            return Err(Invalid {
+                key: "cameras.width_px".into(),
+                problem: format!("expected 640 or 1280, found {width}"),
+            });
+        }
+        self.tracking.validate().map_err(|e| Invalid {
+            key: format!("tracking.{}", e.key),
+            problem: e.to_string(),
+        })?;
+        crate::cameras::settings(self)
+            .map_err(|e| e.to_string())
+            .and_then(|settings| settings.validate().map_err(|e| e.to_string()))
+            .map_err(|problem| Invalid {
+                key: "cameras.simulated".into(),
+                problem,
+            })
     }
 
     fn validate_arm(&self) -> Result<(), Invalid> {

@@ -46,6 +46,10 @@ pub struct Config {
     pub estimator: hybrid_control::EstimatorSettings,
     /// The laws.
     pub law: hybrid_control::LawSettings,
+    /// The cameras, for the sensor `images`.
+    pub cameras: Cameras,
+    /// The tracker.
+    pub tracking: vision::track::TrackSettings,
     /// Changes to the phantom's preset: tables and keys as the preset has them.
     pub phantom: toml::Table,
 }
@@ -96,6 +100,8 @@ pub enum Backend {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SensorKind {
+    /// The needle tracked in stereo images.
+    Images,
     /// Needle shapes from the phantom's fast sensor.
     #[default]
     Shape,
@@ -296,6 +302,25 @@ impl Default for Viper {
             emulate: true,
             host: "127.0.0.1".into(),
             dialect: ViperDialect::Steer,
+        }
+    }
+}
+
+/// The cameras.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Cameras {
+    /// Width of the simulated images: 640 (x 480) or 1280 (x 960) \[px\].
+    pub width_px: usize,
+    /// Changes to the simulated cameras that go with the phantom's preset.
+    pub simulated: toml::Table,
+}
+
+impl Default for Cameras {
+    fn default() -> Self {
+        Self {
+            width_px: 640,
+            simulated: toml::Table::new(),
         }
     }
 }

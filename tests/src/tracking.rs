@@ -1,0 +1,244 @@
+//! The tracker on images of the phantom's cameras, against truth.
+
+use hal::telemetry::Tracking;
+use hal::{CameraFrame, Stamp, StereoFrame, Transform};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use needle_steer::cameras::calibrated;
+use phantom::NeedleView;
+use phantom::camera::{CameraSettings, StereoRig};
+use vision::track::{Appearance, Context, StereoTracker, TrackSettings, Tracked};
+
+const DIAMETER: f64 = 0.7e-3;
+const RATE: f64 = 30.0;
+
+/// A needle that grows along a path given in the phantom's frame (z into the gel).
+struct Film {
+    rig: StereoRig,
+    world_from_phantom: Isometry3<f64>,
+    bevel_angle: f64,
+    path: fn(f64) -> Vector3<f64>,
+    azimuth: f64,
+}
+
+/// Errors over the images of a film.
+#[derive(Default)]
+struct Errors {
+    tip_px: Vec<f64>,
+    tip_m: Vec<f64>,
+    shaft_px: Vec<f64>,
+    nees: Vec<f64>,
+    not_tracked: usize,
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+impl Film {
+    fn new(settings: &CameraSettings, seed: u64, path: fn(f64) -> Vector3<f64>) -> Self {
+        let world_from_phantom = Isometry3::new(
+            Vector3::new(0.4, 0.0, 0.25),
+            Vector3::x() * core::f64::consts::PI,
+        );
+        Self {
+            rig: StereoRig::new(settings, &world_from_phantom, seed).unwrap(),
+            world_from_phantom,
+            bevel_angle: 24_f64.to_radians(),
+            path,
+            azimuth: 0.8,
+        }
+    }
+
+    fn flat(mut self) -> Self {
+        self.bevel_angle = 89.9_f64.to_radians();
+        self
+    }
+
+    /// The needle with its tip at `depth`.
+    fn needle(&self, depth: f64, stamp: Stamp) -> NeedleView {
+        let at = |z: f64| (self.world_from_phantom * Point3::from((self.path)(z))).coords;
+        let axis = ((self.path)(depth) - (self.path)(depth - 1e-5)).normalize();
+        let upright = UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap();
+        let turned = upright * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.azimuth);
+        NeedleView {
+            stamp,
+            centreline: (0..=252).map(|i| at(depth - 0.126 + 0.5e-3 * f64::from(i))).collect(),
+            world_from_tip: Transform::assume(
+                self.world_from_phantom
+                    * Isometry3::from_parts((self.path)(depth).into(), turned),
+            ),
+            outer_diameter: DIAMETER,
+            bevel_angle: self.bevel_angle,
+            entry_arc: 0.126 - depth,
+        }
+    }
+
+    fn tracker(&self, settings: &TrackSettings) -> StereoTracker {
+        let needle = Appearance {
+            diameter: DIAMETER,
+            bevel_length: if self.bevel_angle > 1.5 {
+                0.0
+            } else {
+                DIAMETER / self.bevel_angle.tan()
+            },
+        };
+        StereoTracker::new(&calibrated(self.rig.truth()), needle, settings).unwrap()
+    }
+
+    fn pair(&mut self, needle: Option<&NeedleView>, frame: u64) -> StereoFrame {
+        let stamp = Stamp::from_secs(frame as f64 / RATE);
+        let images = match needle {
+            Some(needle) => self.rig.render(needle, frame),
+            None => self.rig.empty(frame),
+        };
+        let [left, right] = images.map(|image| CameraFrame {
+            stamp,
+            sequence: frame,
+            image,
+        });
+        StereoFrame { left, right }
+    }
+
+    /// The visible part of a needle in the stereo frame, with an error as a model has it.
+    fn guess(&self, needle: &NeedleView) -> Vec<Point3<f64>> {
+        let left = self.rig.truth().left_from_world.isometry();
+        let error = Vector3::new(0.4e-3, -0.3e-3, 0.2e-3);
+        needle
+            .centreline
+            .iter()
+            .filter(|p| (self.world_from_phantom.inverse() * Point3::from(**p)).z > 1.5e-3)
+            .map(|p| left * Point3::from(p + error))
+            .collect()
+    }
+
+    fn note(&self, needle: &NeedleView, tracked: &Tracked, errors: &mut Errors) {
+        if tracked.status != Tracking::Tracked {
+            errors.not_tracked += 1;
+            return;
+        }
+        let views = calibrated(self.rig.truth()).views();
+        let left = self.rig.truth().left_from_world.isometry();
+        let tip = left * Point3::from(needle.world_from_tip.origin().coords());
+        let error = tracked.shape.tip.position.point() - tip;
+        errors.tip_m.push(error.norm());
+        let information = tracked.shape.tip.covariance.try_inverse().unwrap();
+        errors.nees.push(error.dot(&(information * error)) / 3.0);
+        for (view, curve) in views.iter().zip(&tracked.curves) {
+            let curve = curve.unwrap();
+            let px = view.project(&tip.coords).unwrap().0.coords;
+            errors.tip_px.push((curve.tip() - px).norm());
+            for k in 0..8 {
+                let t = f64::from(k) / 8.0;
+                let direction = curve.derivative(t).normalize();
+                let nearest = needle
+                    .centreline
+                    .iter()
+                    .filter_map(|p| view.project(&(left * Point3::from(*p)).coords))
+                    .map(|px| px.0.coords - curve.at(t))
+                    .min_by(|a, b| a.norm().total_cmp(&b.norm()))
+                    .unwrap();
+                errors
+                    .shaft_px
+                    .push(direction.x * nearest.y - direction.y * nearest.x);
+            }
+        }
+    }
+
+    /// Tracks an insertion from `from` to `to`, the odometry known.
+    fn insertion(&mut self, tracker: &mut StereoTracker, from: f64, to: f64, frames: u64) -> Errors {
+        let mut errors = Errors::default();
+        let left = *self.rig.truth().left_from_world.isometry();
+        let mut last = from;
+        for frame in 0..frames {
+            let depth = from + (to - from) * frame as f64 / frames as f64;
+            let needle = self.needle(depth, Stamp::from_secs(frame as f64 / RATE));
+            let pair = self.pair(Some(&needle), frame);
+            let guess = self.guess(&needle);
+            let bevel = left * self.world_from_phantom
+                * (needle_bevel(self, &needle));
+            let context = Context {
+                base_motion: None,
+                insertion: Some(depth - last),
+                bevel: Some(bevel),
+                guess: Some(&guess),
+            };
+            last = depth;
+            let tracked = tracker.track(&pair, &context).unwrap().clone();
+            if let Ok(folder) = std::env::var("TRACK_OVERLAY") {
+                if frame % 20 == 0 {
+                    overlay(&folder, &pair, &tracked, frame);
+                }
+            }
+            if std::env::var("TRACK_PRINT").is_ok() {
+                println!("{frame} {:?} {:?}", tracked.status, tracked.loss);
+            }
+            self.note(&needle, &tracked, &mut errors);
+        }
+        errors
+    }
+}
+
+fn needle_bevel(film: &Film, needle: &NeedleView) -> Vector3<f64> {
+    let world = needle.world_from_tip.rotate(&-Vector3::y());
+    film.world_from_phantom.inverse() * world
+}
+
+fn overlay(folder: &str, pair: &StereoFrame, tracked: &Tracked, frame: u64) {
+    for (k, (image, curve)) in [&pair.left.image, &pair.right.image]
+        .into_iter()
+        .zip(&tracked.curves)
+        .enumerate()
+    {
+        let (w, h) = (image.width() as u32, image.height() as u32);
+        let mut rgb = image::RgbImage::new(w, h);
+        for (pixel, grey) in rgb.pixels_mut().zip(image.pixels()) {
+            *pixel = image::Rgb([*grey; 3]);
+        }
+        if let Some(curve) = curve {
+            for i in 0..=2000 {
+                let p = curve.at(f64::from(i) / 2000.0);
+                if p.x >= 0.0 && p.y >= 0.0 && p.x < f64::from(w) - 0.5 && p.y < f64::from(h) - 0.5 {
+                    rgb.put_pixel(p.x.round() as u32, p.y.round() as u32, image::Rgb([255, 0, 0]));
+                }
+            }
+        }
+        rgb.save(format!("{folder}/f{frame:04}_{k}.png")).unwrap();
+    }
+}
+
+fn bent(z: f64) -> Vector3<f64> {
+    let z = z.max(0.0);
+    Vector3::new(0.3 * z * z, -0.9 * z * z, 0.0) + Vector3::z() * z
+}
+
+fn straight_above(z: f64) -> Vector3<f64> {
+    if z < 0.0 { Vector3::z() * z } else { bent(z) }
+}
+
+#[test]
+fn nominal() {
+    for (name, settings, flat) in [
+        ("ideal 640 flat", CameraSettings::ideal(), true),
+        ("ideal 640 bevel", CameraSettings::ideal(), false),
+        ("paper 640 bevel", CameraSettings::paper(), false),
+        ("paper 1280 bevel", CameraSettings::paper().at_1280(), false),
+        ("harsh 640 bevel", CameraSettings::harsh(), false),
+    ] {
+        let mut film = Film::new(&settings, 1, straight_above);
+        if flat {
+            film = film.flat();
+        }
+        let mut tracker = film.tracker(&TrackSettings::default());
+        let errors = film.insertion(&mut tracker, 0.02, 0.085, 240);
+        println!(
+            "{name}: tip {:.3} px, {:.4} mm (most {:.4}), shaft {:.3} px, nees {:.2}, not tracked {}",
+            rms(&errors.tip_px), 1e3 * rms(&errors.tip_m),
+            1e3 * errors.tip_m.iter().copied().fold(0.0, f64::max),
+            rms(&errors.shaft_px), mean(&errors.nees), errors.not_tracked
+        );
+    }
+}

@@ -1,0 +1,161 @@
+//! The tip along the needle's axis, from the fall of its darkness.
+
+use hal::GrayImage;
+use nalgebra::Vector2;
+
+use super::background::Background;
+use super::curve::Curve2;
+use super::section::{beside, mass};
+use super::silhouette::{Falloff, TipView};
+
+/// Most stations along the axis.
+const STATIONS: usize = 96;
+
+/// Where the tip was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TipFix {
+    /// O ahead of the curve's end, along its tangent \[px\].
+    pub shift: f64,
+    /// Its standard deviation by noise and misfit \[px\].
+    pub sigma: f64,
+    /// Misfit relative to the shaft's darkness.
+    pub misfit: f64,
+    /// How the bevel is turned, as given or found.
+    pub side: f64,
+}
+
+/// How the tip is sought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TipSearch {
+    /// Width of the shaft \[px\].
+    pub width: f64,
+    /// Farthest shift either way \[px\].
+    pub reach: f64,
+    /// Length of the bevel in the image \[px\].
+    pub bevel_px: f64,
+    /// How the bevel is turned, if known: see [`TipView::side`].
+    pub side: Option<f64>,
+    /// Blur of the image \[px\].
+    pub blur: f64,
+}
+
+/// Darkness summed across the needle, by distance from the curve's end.
+struct Run {
+    start: f64,
+    masses: [f64; STATIONS],
+    count: usize,
+}
+
+fn run(
+    image: &GrayImage,
+    background: &Background,
+    curve: &Curve2,
+    search: &TipSearch,
+) -> Option<Run> {
+    let speed = curve.derivative(1.0).norm();
+    let tangent = curve.derivative(1.0) / speed;
+    let tip = curve.tip();
+    let across = (0.5 * search.width + 1.5).round();
+    let behind = (search.reach + 8.0).min(0.8 * speed).floor();
+    let ahead = (search.reach + search.bevel_px + 3.0 * search.blur + 2.0).ceil();
+    let count = ((behind + ahead) as usize + 1).min(STATIONS);
+    let mut run = Run {
+        start: -behind,
+        masses: [0.0; STATIONS],
+        count,
+    };
+    for (k, value) in run.masses.iter_mut().enumerate().take(count) {
+        let u = -behind + k as f64;
+        let (centre, direction) = if u < 0.0 {
+            let t = 1.0 + u / speed;
+            (curve.at(t), curve.derivative(t).normalize())
+        } else {
+            (tip + tangent * u, tangent)
+        };
+        let normal = Vector2::new(-direction.y, direction.x);
+        let even = beside(image, background, centre, normal, across + 1.5)?;
+        *value = mass(image, background, centre, normal, across as usize, even)? / even;
+    }
+    Some(run)
+}
+
+/// Finds the tip near the end of `curve`; nothing where no fall of the darkness fits.
+pub(super) fn find(
+    image: &GrayImage,
+    background: &Background,
+    curve: &Curve2,
+    search: &TipSearch,
+) -> Option<TipFix> {
+    let run = run(image, background, curve, search)?;
+    let fit = |side: f64| fit(&run, search, side);
+    match search.side {
+        Some(side) => fit(side),
+        None if search.bevel_px < 1.0 => fit(1.0),
+        None => [0.0, 0.3, 0.6, 0.85, 1.0]
+            .into_iter()
+            .filter_map(fit)
+            .min_by(|a, b| a.misfit.total_cmp(&b.misfit)),
+    }
+}
+
+fn fit(run: &Run, search: &TipSearch, side: f64) -> Option<TipFix> {
+    let view = TipView {
+        bevel_px: search.bevel_px,
+        side,
+    };
+    let falloff = Falloff::new(&view, search.blur);
+    let masses = run.masses.get(..run.count)?;
+    // Amplitude and misfit at one shift; the amplitude enters linearly.
+    let judge = |shift: f64| {
+        let (mut ss, mut sy, mut yy) = (0.0, 0.0, 0.0);
+        for (k, y) in masses.iter().enumerate() {
+            let (s, _) = falloff.at(run.start + k as f64 - shift);
+            ss += s * s;
+            sy += s * y;
+            yy += y * y;
+        }
+        let amplitude = if ss > 0.0 { sy / ss } else { 0.0 };
+        (amplitude, yy - amplitude * sy)
+    };
+    let mut best = (0.0, f64::INFINITY);
+    let mut shift = -search.reach;
+    while shift <= search.reach {
+        let (amplitude, misfit) = judge(shift);
+        if amplitude > 0.0 && misfit < best.1 {
+            best = (shift, misfit);
+        }
+        shift += 0.5;
+    }
+    let mut shift = best.0;
+    let mut slopes = 0.0;
+    for _ in 0..4 {
+        let (amplitude, _) = judge(shift);
+        let (mut gradient, mut curvature) = (0.0, 0.0);
+        for (k, y) in masses.iter().enumerate() {
+            let (s, slope) = falloff.at(run.start + k as f64 - shift);
+            gradient += -amplitude * slope * (y - amplitude * s);
+            curvature += (amplitude * slope).powi(2);
+        }
+        if curvature <= 0.0 {
+            return None;
+        }
+        slopes = curvature;
+        let step = (gradient / curvature).clamp(-0.5, 0.5);
+        shift += step;
+        if step.abs() < 1e-4 {
+            break;
+        }
+    }
+    let (amplitude, squares) = judge(shift);
+    // The shaft must be as dark as a needle: an empty run fits anything.
+    if amplitude < 0.1 * search.width || shift.abs() > search.reach + 0.5 {
+        return None;
+    }
+    let scatter = (squares.max(0.0) / (masses.len() - 2) as f64).sqrt();
+    Some(TipFix {
+        shift,
+        sigma: scatter / slopes.sqrt(),
+        misfit: scatter / amplitude,
+        side,
+    })
+}
