@@ -152,6 +152,15 @@ impl Eyes {
     }
 }
 
+impl core::fmt::Debug for Eyes {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Shape(_) => "Shape",
+            Self::Cameras(_) => "Cameras",
+        })
+    }
+}
+
 /// The devices of one run.
 pub struct Rig {
     /// The run's clock.

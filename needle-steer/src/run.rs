@@ -19,6 +19,8 @@ use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 const PREDICTION: f64 = 0.05;
 /// Straight start where no protocol gives one \[m\].
 const PRE_INSERTION: f64 = 5e-3;
+/// Straight insertion beyond the start by which the needle must have come into sight \[m\].
+const IN_SIGHT: f64 = 6e-3;
 /// Longest wait for the arm to come to rest.
 const REST: Duration = Duration::from_secs(1);
 /// Shortfall of reach that does not end a run \[m\].
@@ -107,6 +109,7 @@ struct Insertion<'a> {
     before_pause: Phase,
     straight: f64,
     start: nalgebra::Isometry3<f64>,
+    aimed: bool,
     steering_since: Option<Stamp>,
     sequence: u64,
     rates: Joints,
@@ -128,6 +131,7 @@ impl<'a> Insertion<'a> {
             before_pause: Phase::PreInsertion,
             straight,
             start,
+            aimed: false,
             steering_since: None,
             sequence: 0,
             rates: state.positions.zeroed(),
@@ -296,8 +300,17 @@ impl<'a> Insertion<'a> {
         if travelled < self.straight {
             return;
         }
-        let target = self.place_target(config);
-        self.cycle.set_target(target);
+        if !self.aimed {
+            let target = self.place_target(config);
+            self.cycle.set_target(target);
+            self.aimed = true;
+        }
+        // Steering begins when the needle is in the cameras' sight, a little deeper at most.
+        if self.cycle.sight().is_some_and(|sight| sight.shape().is_none())
+            && travelled < self.straight + IN_SIGHT
+        {
+            return;
+        }
         self.phase = Phase::Steering;
         self.steering_since = Some(now);
     }

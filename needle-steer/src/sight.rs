@@ -76,12 +76,7 @@ impl Sight {
             moved.dot(&(world_from_base.rotation * Vector3::z()))
         });
         self.last_base = Some(*world_from_base);
-        self.guess.clear();
-        let visible = model
-            .iter()
-            .map(|p| Point3::from(*p))
-            .filter(|p| (p - self.entry).dot(&self.inward) > VISIBLE);
-        self.guess.extend(visible.map(|p| left_from_world * p));
+        self.guess_from(model);
         let bevel = left_from_world * (world_from_base.rotation * -Vector3::y());
         let answer = self.tracker.track(
             pair,
@@ -95,6 +90,26 @@ impl Sight {
         self.found = matches!(&answer, Ok(tracked) if tracked.status == Tracking::Tracked);
         self.refused = answer.as_ref().err().copied();
         answer
+    }
+
+    /// The visible part of the modelled needle, in the stereo frame.
+    fn guess_from(&mut self, model: &[Vector3<f64>]) {
+        let left_from_world = self.left_from_world.isometry();
+        let depth = |p: &Vector3<f64>| (Point3::from(*p) - self.entry).dot(&self.inward);
+        self.guess.clear();
+        for pair in model.windows(2) {
+            let [above, below] = pair else { continue };
+            let (from, to) = (depth(above), depth(below));
+            if to <= VISIBLE {
+                continue;
+            }
+            if from <= VISIBLE {
+                let share = (VISIBLE - from) / (to - from);
+                let first = above + (below - above) * share;
+                self.guess.push(left_from_world * Point3::from(first));
+            }
+            self.guess.push(left_from_world * Point3::from(*below));
+        }
     }
 
     /// The shape found in the newest pair, if it was found.

@@ -47,7 +47,7 @@ impl Default for TrackSettings {
             control_points: 4,
             normals: 60,
             search_px: 12.0,
-            visible_px: 14.0,
+            visible_px: 8.0,
             lost_after: 3,
             shaft_walk_px: 0.10,
             advance_sigma_px: 0.15,
@@ -81,7 +81,7 @@ impl TrackSettings {
         within("control_points", self.control_points as f64, 4.0, MOST as f64)?;
         within("normals", self.normals as f64, 20.0, 200.0)?;
         within("search_px", self.search_px, 4.0, 24.0)?;
-        within("visible_px", self.visible_px, 8.0, 200.0)?;
+        within("visible_px", self.visible_px, 6.0, 200.0)?;
         within("lost_after", f64::from(self.lost_after), 1.0, 30.0)?;
         within("shaft_walk_px", self.shaft_walk_px, 1e-3, 5.0)?;
         within("advance_sigma_px", self.advance_sigma_px, 1e-3, 5.0)?;

@@ -402,7 +402,8 @@ impl ImageTracker {
             cross(image, &self.background, curve.at(t), direction, &expected).is_some()
         };
         let patience = (8.0 * self.scale) as u32;
-        let mut t = 0.0;
+        // A little before the line, too: a model may have the needle too short.
+        let mut t = -6.0 * self.scale * step;
         let first = loop {
             if t > 1.0 {
                 return None;
