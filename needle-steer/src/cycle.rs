@@ -197,7 +197,9 @@ impl Cycle {
         let mut sight = self.sight.take()?;
         let tracked = sight.look(pair, &world_from_base, &self.telemetry.model.shape);
         let tip = match tracked {
-            Ok(tracked) if tracked.status == Tracking::Tracked => Some(self.measure(&tracked.shape)),
+            Ok(tracked) if tracked.status == Tracking::Tracked => {
+                Some(self.measure(&tracked.shape))
+            }
             _ => {
                 self.telemetry.tracking = tracked.map_or(Tracking::Lost, |tracked| tracked.status);
                 None

@@ -16,8 +16,8 @@ use robots::kinematics::{Chain, Turns, UrdfError};
 use robots::sim::{SimError, SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 
-use crate::clock::LockstepClock;
 use crate::cameras;
+use crate::clock::LockstepClock;
 use crate::config::{Backend, Config, SensorKind, ViperDialect};
 use crate::cycle::Bearings;
 use crate::world::{Body, SimulatedWorld};
@@ -217,7 +217,13 @@ impl Rig {
 
         let (driver, body, simulated_arm) = arm(config, &chain, &joints)?;
         let period = driver.description().period;
-        let world = SimulatedWorld::new(body, chain.clone(), world_from_arm_base, bench, stereo_from_world);
+        let world = SimulatedWorld::new(
+            body,
+            chain.clone(),
+            world_from_arm_base,
+            bench,
+            stereo_from_world,
+        );
         let moved = world.clone();
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
         let guard =

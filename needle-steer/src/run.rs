@@ -213,6 +213,10 @@ impl<'a> Insertion<'a> {
     }
 
     /// Runs the law when a measurement arrived, or on prediction when one is overdue.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "how long a step takes is told to observers and enters no decision"
+    )]
     fn law_step(
         &mut self,
         config: &Config,
@@ -306,7 +310,10 @@ impl<'a> Insertion<'a> {
             self.aimed = true;
         }
         // Steering begins when the needle is in the cameras' sight, a little deeper at most.
-        if self.cycle.sight().is_some_and(|sight| sight.shape().is_none())
+        if self
+            .cycle
+            .sight()
+            .is_some_and(|sight| sight.shape().is_none())
             && travelled < self.straight + IN_SIGHT
         {
             return;

@@ -133,7 +133,16 @@ fn next_folder(config: &Config) -> Option<PathBuf> {
         let parent = Path::new("out");
         std::fs::create_dir_all(parent)?;
         let taken = std::fs::read_dir(parent)?
-            .filter_map(|entry| entry.ok()?.file_name().to_str()?.split('-').next()?.parse().ok())
+            .filter_map(|entry| {
+                entry
+                    .ok()?
+                    .file_name()
+                    .to_str()?
+                    .split('-')
+                    .next()?
+                    .parse()
+                    .ok()
+            })
             .max()
             .unwrap_or(0_u32);
         let folder = parent.join(format!("{:03}-{name}", taken + 1));

@@ -2,6 +2,11 @@
 //!
 //! Cameras and gel stand still, so bubbles, dirt and uneven light are learned and divided out.
 //! Where nothing was learned the background is even, and profiles bring their own base line.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
 
 use hal::GrayImage;
 use nalgebra::Vector2;

@@ -121,9 +121,8 @@ impl StereoTracker {
         settings.validate()?;
         needle.validate()?;
         let views = rig.views();
-        let image = |view: &View| {
-            ImageTracker::new(view.camera.width, view.camera.height, settings)
-        };
+        let image =
+            |view: &View| ImageTracker::new(view.camera.width, view.camera.height, settings);
         Ok(Self {
             settings: settings.clone(),
             needle,
@@ -294,7 +293,11 @@ impl StereoTracker {
         for k in 0..2 {
             let look = self.look(k, &tip, Some(&axis), context);
             if let Err(wrong) = self.images[k].follow(images[k], &changes[k], &look) {
-                flaw = flaw.or(Some(if k == 0 { Loss::Left(wrong) } else { Loss::Right(wrong) }));
+                flaw = flaw.or(Some(if k == 0 {
+                    Loss::Left(wrong)
+                } else {
+                    Loss::Right(wrong)
+                }));
             }
         }
         let outcome = match flaw {
@@ -341,9 +344,7 @@ impl StereoTracker {
                 side: None,
             };
         };
-        let sight = view
-            .ray(px)
-            .map_or_else(Vector3::z, |ray| ray.direction);
+        let sight = view.ray(px).map_or_else(Vector3::z, |ray| ray.direction);
         let across = axis
             .and_then(|axis| axis.cross(&sight).try_normalize(1e-6))
             .or_else(|| sight.cross(&Vector3::x()).try_normalize(1e-6))

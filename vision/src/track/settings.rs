@@ -78,7 +78,12 @@ impl TrackSettings {
     /// # Errors
     /// The first setting outside its range.
     pub fn validate(&self) -> Result<(), TrackSettingsError> {
-        within("control_points", self.control_points as f64, 4.0, MOST as f64)?;
+        within(
+            "control_points",
+            self.control_points as f64,
+            4.0,
+            MOST as f64,
+        )?;
         within("normals", self.normals as f64, 20.0, 200.0)?;
         within("search_px", self.search_px, 4.0, 24.0)?;
         within("visible_px", self.visible_px, 6.0, 200.0)?;

@@ -1,4 +1,9 @@
 //! The tip's silhouette: how the needle's width falls off along its axis.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
 
 /// Entries of a table.
 const ENTRIES: usize = 96;
@@ -36,8 +41,16 @@ impl TipView {
         let c = 1.0 - 2.0 * u / self.bevel_px;
         let along = (1.0 - self.side * self.side).max(0.0).sqrt();
         let chord = along * (1.0 - c * c).sqrt();
-        let upper = if self.side <= c { 1.0 } else { chord + self.side * c };
-        let lower = if -self.side <= c { 1.0 } else { chord - self.side * c };
+        let upper = if self.side <= c {
+            1.0
+        } else {
+            chord + self.side * c
+        };
+        let lower = if -self.side <= c {
+            1.0
+        } else {
+            chord - self.side * c
+        };
         0.5 * (upper + lower)
     }
 }
@@ -134,7 +147,10 @@ mod tests {
                     }
                 }
                 // The disc is sampled at a thousandth of its radius; rims are steep there.
-                assert!((view.width(u) - 0.5 * (high - low)).abs() < 3e-3, "{side} {u}");
+                assert!(
+                    (view.width(u) - 0.5 * (high - low)).abs() < 3e-3,
+                    "{side} {u}"
+                );
             }
         }
     }

@@ -1,4 +1,9 @@
 //! Tracking in one image.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
 
 use hal::GrayImage;
 use nalgebra::Vector2;
@@ -136,7 +141,12 @@ impl ImageTracker {
     }
 
     /// Takes one image in.
-    pub(super) fn follow(&mut self, image: &GrayImage, change: &Change, look: &Look) -> Result<(), Flaw> {
+    pub(super) fn follow(
+        &mut self,
+        image: &GrayImage,
+        change: &Change,
+        look: &Look,
+    ) -> Result<(), Flaw> {
         let start = self.start_parameter();
         let Some(mut filter) = self.filter.take() else {
             return Err(Flaw::Shaft);
@@ -182,7 +192,13 @@ impl ImageTracker {
                 contrast: self.contrast,
                 noise: self.noise,
             };
-            let section = cross(image, &self.background, curve.sum(&row), direction, &expected);
+            let section = cross(
+                image,
+                &self.background,
+                curve.sum(&row),
+                direction,
+                &expected,
+            );
             let Some(Section {
                 offset,
                 sigma,
@@ -198,7 +214,7 @@ impl ImageTracker {
             self.offsets.push(Offset {
                 weights: row,
                 direction,
-                offset,
+                value: offset,
                 variance: sigma * sigma + floor * floor,
             });
         }
@@ -242,7 +258,11 @@ impl ImageTracker {
             let scale = (1.4826 * *median).max(1.0);
             for (share, offset) in self.shares.iter_mut().zip(&self.offsets) {
                 let x = residual(offset, &solution.0) / (TUKEY * scale);
-                *share = if x.abs() < 1.0 { (1.0 - x * x).powi(2) } else { 0.0 };
+                *share = if x.abs() < 1.0 {
+                    (1.0 - x * x).powi(2)
+                } else {
+                    0.0
+                };
                 // Residuals larger than their stated noise say that it is larger.
                 *share /= scale * scale;
             }
@@ -255,12 +275,18 @@ impl ImageTracker {
     }
 
     /// Finds the tip and updates the filter.
-    fn tip(&mut self, image: &GrayImage, filter: &mut CurveFilter, look: &Look) -> Result<(), Flaw> {
+    fn tip(
+        &mut self,
+        image: &GrayImage,
+        filter: &mut CurveFilter,
+        look: &Look,
+    ) -> Result<(), Flaw> {
         let curve = filter.curve();
         let end = weights(self.settings.control_points, 1.0);
         let tangent = curve.derivative(1.0).normalize();
         let doubt = filter.variance(&end, &tangent);
-        let near = (4.0 * doubt.sqrt() + 1.5 * self.scale).min(self.settings.search_px * self.scale);
+        let near =
+            (4.0 * doubt.sqrt() + 1.5 * self.scale).min(self.settings.search_px * self.scale);
         let wide = self.settings.search_px * self.scale;
         let seek = |reach: f64| {
             let search = TipSearch {
@@ -278,7 +304,7 @@ impl ImageTracker {
         let offset = Offset {
             weights: end,
             direction: tangent,
-            offset: fix.shift,
+            value: fix.shift,
             variance: fix.sigma * fix.sigma + floor * floor,
         };
         let place = curve.tip() + tangent * fix.shift;
@@ -372,7 +398,7 @@ impl ImageTracker {
                 self.offsets.push(Offset {
                     weights: weights(count, t),
                     direction,
-                    offset: section.offset,
+                    value: section.offset,
                     // Loose, so that smooth misfits of the guess are no outliers.
                     variance: self.scale * self.scale,
                 });
@@ -435,7 +461,7 @@ impl ImageTracker {
     fn paint_out(&mut self, curve: &Curve2, look: &Look) {
         let half = 0.5 * look.width + 2.5 * self.scale;
         let steps = (2.0 * curve.length()).ceil();
-        let margin = (look.bevel_px + 2.0 * self.scale) / curve.length().max(1.0);
+        let margin = (look.bevel_px + 8.0 * self.scale) / curve.length().max(1.0);
         let mut step = 0.0;
         while step <= steps {
             let t = (1.0 + margin) * step / steps;
@@ -458,12 +484,15 @@ fn residual(offset: &Offset, change: &nalgebra::SVector<f64, 13>) -> f64 {
             sum + weight
                 * (offset.direction.x * change[2 * i] + offset.direction.y * change[2 * i + 1])
         });
-    (offset.offset - moved) / offset.variance.sqrt()
+    (offset.value - moved) / offset.variance.sqrt()
 }
 
 /// Point at a share of a polygon's length.
 fn on_line(line: &[Vector2<f64>], share: f64) -> Option<Vector2<f64>> {
-    let pieces = || line.windows(2).filter_map(|w| Some((*w.first()?, *w.last()?)));
+    let pieces = || {
+        line.windows(2)
+            .filter_map(|w| Some((*w.first()?, *w.last()?)))
+    };
     let total: f64 = pieces().map(|(a, b)| (b - a).norm()).sum();
     let mut left = share * total;
     for (a, b) in pieces() {
