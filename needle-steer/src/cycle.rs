@@ -135,6 +135,11 @@ impl Cycle {
         })
     }
 
+    /// Steers with `law` instead of the configuration's.
+    pub fn set_law(&mut self, law: Box<dyn Law>) {
+        self.law = law;
+    }
+
     /// Sets the target, in the stereo frame.
     pub fn set_target(&mut self, target: Position<LeftCamera>) {
         self.target = Some(target);

@@ -20,10 +20,19 @@ pub mod cameras;
 pub mod clock;
 pub mod supervisor;
 pub mod config;
+pub mod reference;
 pub mod outcome;
 pub mod journal;
+pub mod replay;
+pub mod diff;
+pub mod campaign;
+pub mod report;
+pub mod identify;
 pub mod series;
 pub mod statistics;
 pub mod plot;
 pub mod experiments;
 pub mod cli;
+
+/// Version of this build, with the commit where it is known.
+pub const VERSION: &str = env!("NEEDLE_STEER_VERSION");

@@ -5,7 +5,9 @@ use hal::telemetry::Tracking;
 use hal::{SensedShape, StereoFrame, Transform};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use vision::StereoRig;
-use vision::track::{Appearance, Context, FrameError, StereoTracker, TrackSettingsError, Tracked};
+use vision::track::{
+    Context, FrameError, StereoTracker, TrackSettings, TrackSettingsError, Tracked,
+};
 
 use crate::config::Config;
 
@@ -25,12 +27,20 @@ pub struct Sight {
     refused: Option<FrameError>,
 }
 
-/// How the cameras see the needle of a configuration.
-pub fn appearance(config: &Config) -> Appearance {
-    let diameter = config.needle.outer_diameter_mm * 1e-3;
-    Appearance {
-        diameter,
-        bevel_length: diameter / config.needle.bevel_deg.to_radians().tan(),
+/// Settings of the tracker for a configuration's needle.
+pub fn settings(config: &Config) -> TrackSettings {
+    let needle_diameter = config.needle.outer_diameter_mm * 1e-3;
+    let tracking = &config.tracking;
+    TrackSettings {
+        control_points: tracking.control_points,
+        normals: tracking.normals,
+        needle_diameter,
+        bevel_length: needle_diameter / config.needle.bevel_deg.to_radians().tan(),
+        lateral_drift_px: tracking.lateral_drift_px,
+        tip_drift_px: tracking.tip_drift_px,
+        systematic_px: tracking.systematic_px,
+        lost_after: tracking.lost_after,
+        ..TrackSettings::default()
     }
 }
 
@@ -45,7 +55,7 @@ impl Sight {
         left_from_world: Transform<LeftCamera, World>,
     ) -> Result<Self, TrackSettingsError> {
         Ok(Self {
-            tracker: StereoTracker::new(rig, appearance(config), &config.tracking)?,
+            tracker: StereoTracker::new(rig, &settings(config))?,
             left_from_world,
             entry: config.entry(),
             inward: config.inward(),
@@ -83,7 +93,7 @@ impl Sight {
             &Context {
                 base_motion,
                 insertion,
-                bevel: Some(bevel),
+                bevel_direction: Some(Unit::new_normalize(bevel)),
                 guess: Some(&self.guess),
             },
         );

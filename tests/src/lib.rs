@@ -7,5 +7,4 @@ mod calibration_truth;
 mod equations;
 mod supervision;
 mod tidy;
-mod tracking;
 mod viper_contract;
