@@ -86,7 +86,7 @@ impl Finder {
             if long <= 2 * reach + 2 {
                 continue;
             }
-            let n = (2 * core + 1) as i32;
+            let n = i32::try_from(2 * core + 1).unwrap_or(1);
             // Twice the flank of two samples against the core, in grey levels times 2 n.
             let response = |i: usize| {
                 let middle = sums[i + core + 1] - sums[i - core];

@@ -167,6 +167,8 @@ pub(super) struct Planar {
     /// Mean squared innovation of the shaft in units of its variance.
     pub innovation: f64,
     misfit: u32,
+    /// What the polynomial cannot follow, squared \[px2\].
+    pub bend: f64,
     profile: Profile,
     scratch: Vec<f64>,
 }
@@ -188,6 +190,7 @@ impl Planar {
             survivors: 0.0,
             innovation: 0.0,
             misfit: 0,
+            bend: 0.0,
             profile: Profile::new(),
             scratch: Vec::with_capacity(settings.normals),
         }
@@ -201,6 +204,7 @@ impl Planar {
         self.contrast = None;
         self.gated = (0, 0.0);
         self.misfit = 0;
+        self.bend = 0.0;
         self.tip_state = TipState::Unseen;
     }
 
@@ -343,7 +347,7 @@ impl Planar {
         for m in self.marks.iter().filter(|m| m.weight > 0.1) {
             let l = basis(n, m.x / self.graph.length);
             let l = nalgebra::SVector::<f64, MAX_POINTS>::from(l);
-            let r = m.sigma * m.sigma / m.weight;
+            let r = self.variance(m);
             let pl = self.graph.cov * l;
             let s = l.dot(&pl) + r;
             let y = nalgebra::SVector::<f64, MAX_POINTS>::from(self.graph.y);
@@ -354,6 +358,13 @@ impl Planar {
             self.graph.cov -= pl * pl.transpose() / s;
         }
         self.innovation = sum / f64::max(count, 1.0);
+    }
+
+    /// Variance of a mark: its own, and where the polynomial cannot follow the needle its misfit,
+    /// the more the further from the tip, where it matters least.
+    pub(super) fn variance(&self, m: &Mark) -> f64 {
+        let far = 4.0 * (1.0 - m.x / self.graph.length).clamp(0.0, 1.0);
+        m.sigma * m.sigma / m.weight + self.bend * far * far
     }
 
     /// Four points do not do when neighbouring residuals agree: then a fifth and sixth.
@@ -370,6 +381,8 @@ impl Planar {
         }
         let together: f64 = pairs / f64::max(count, 1.0);
         let bent = together > 0.04_f64.powi(2) && together > 0.35 * square / f64::max(count, 1.0);
+        let seen = if bent { together } else { 0.0 };
+        self.bend += 0.3 * (seen - self.bend);
         self.misfit = if bent {
             self.misfit + 1
         } else {

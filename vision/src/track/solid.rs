@@ -144,7 +144,7 @@ impl Solid {
                 if !(-0.03..=1.1).contains(&s) {
                     continue;
                 }
-                let variance = m.sigma * m.sigma / m.weight;
+                let variance = image.variance(m);
                 self.row(view, m.px, s, variance, &mut a, &mut g)?;
             }
             tips[k] = self.tip_row(view, image, systematic, &mut a, &mut g)?;
@@ -218,7 +218,8 @@ impl Solid {
         let t = j * self.slope(1.0);
         let tangent = t.try_normalize(0.0)?;
         let along = tangent.dot(&image.graph.axis).abs().max(0.2);
-        let mut variance = image.tip_cov[(0, 0)] / (along * along) + systematic * systematic;
+        // An end is known less well than an edge along the whole shaft.
+        let mut variance = image.tip_cov[(0, 0)] / (along * along) + (2.0 * systematic).powi(2);
         if image.tip_state != TipState::Measured {
             variance = variance * 9.0 + 0.25;
         }
