@@ -244,6 +244,7 @@ struct Player {
     cycle: Cycle,
     target: Option<Position<LeftCamera>>,
     last: Option<(Stamp, Phase)>,
+    seen: Option<Stamp>,
 }
 
 impl Player {
@@ -253,6 +254,7 @@ impl Player {
             cycle: Cycle::new(config, bearings, start)?,
             target: None,
             last: None,
+            seen: None,
         })
     }
 
@@ -276,6 +278,9 @@ impl Player {
             self.cycle.resume();
         }
         self.last = Some((now, phase));
+        // A tracked curve may stand in the log again where a step had no new image.
+        let shape = shape.filter(|shape| self.seen != Some(shape.stamp));
+        self.seen = shape.map(|shape| shape.stamp).or(self.seen);
         self.cycle.step(&Snapshot {
             now,
             dt,
