@@ -8,13 +8,14 @@ use hal::telemetry::{ModelReport, Phase, SteeringMode, Telemetry, Tracking};
 use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, Transform, Twist};
 use hybrid_control::view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
 use hybrid_control::{
-    Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, lateral_error,
-    law_by_name, target_ahead,
+    Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, TissueField,
+    TissueMotion, lateral_error, law_by_name, target_ahead,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::{Chain, RateSettings, TurnBudget};
+use serde::{Deserialize, Serialize};
 
-use crate::config::Config;
+use crate::config::{Config, TargetKind};
 use crate::odometry::Odometry;
 use crate::springs::{self, SpringsError, SpringsModel};
 use crate::withdrawal::Withdrawal;
@@ -35,8 +36,21 @@ pub struct Snapshot<'a> {
     pub arm: &'a ArmState,
     /// A new measurement of the needle, if one arrived.
     pub shape: Option<&'a SensedShape>,
+    /// A new measurement of the marker that the tissue carries, if one arrived.
+    pub marker: Option<SeenMarker>,
     /// What the run is doing.
     pub phase: Phase,
+}
+
+/// A marker of the moving tissue as a sensor saw it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SeenMarker {
+    /// Exposure.
+    pub stamp: Stamp,
+    /// Where it was.
+    pub position: Position<LeftCamera>,
+    /// Standard deviation per axis \[m\].
+    pub sigma: f64,
 }
 
 /// Where things stand, as calibration and registration know it.
@@ -74,6 +88,10 @@ pub struct Cycle {
     odometry: Odometry,
     withdrawal: Withdrawal,
     estimator: Estimator,
+    /// Where the target is a marker: how the tissue moves.
+    motion: Option<TissueMotion>,
+    /// Tissue now; nothing where it does not move.
+    field: Option<TissueField>,
     springs: SpringsModel,
     straight: Box<dyn Law>,
     law: Box<dyn Law>,
@@ -99,6 +117,7 @@ impl Cycle {
         let start = Start {
             length: needle.length(),
             bending_stiffness: needle.bending_stiffness(),
+            cutting_edge: springs::bevel_length(config),
             entry,
             world_from_base,
         };
@@ -112,6 +131,9 @@ impl Cycle {
             odometry: Odometry::new(ODOMETRY),
             withdrawal: Withdrawal::default(),
             estimator,
+            motion: (config.target.kind == TargetKind::Marker)
+                .then(|| TissueMotion::new(&config.motion, &entry)),
+            field: None,
             springs: SpringsModel::new(config, &world_from_base)?,
             straight: law_by_name("none", &config.law)?,
             law: law_by_name(&config.run.law, &config.law)?,
@@ -123,9 +145,11 @@ impl Cycle {
         })
     }
 
-    /// Sets the target, in the stereo frame.
+    /// Sets the target, in the stereo frame, and prepares the law for it. Where the target is a
+    /// marker the cycle goes on following that.
     pub fn set_target(&mut self, target: Position<LeftCamera>) {
         self.target = Some(target);
+        self.law.reset();
     }
 
     /// The newest telemetry.
@@ -151,11 +175,14 @@ impl Cycle {
     /// One step; the answer's `joint_rates` are the command.
     pub fn step(&mut self, snapshot: &Snapshot<'_>) -> &Telemetry {
         let base = self.base(snapshot);
+        let base = self.at_rest(snapshot, &base);
         let measured = snapshot.shape.map(|shape| self.measure(shape));
         let tip = self.estimator.predict(snapshot.now, &base);
         let springs = self.model(&base, &tip);
         let target = self.target_in_world(&tip);
         let decision = self.decide(snapshot, &base, &tip, springs.as_ref(), target);
+        let decision = self.follow_tissue(&base, decision);
+        self.show();
         let rates = self.joint_rates(snapshot.arm, &decision.twist);
         self.report(snapshot, &base, &tip, target, measured, decision, rates);
         &self.telemetry
@@ -165,30 +192,53 @@ impl Cycle {
     fn base(&mut self, snapshot: &Snapshot<'_>) -> Isometry3<f64> {
         let base = base_pose(&self.bearings, snapshot.arm);
         self.odometry.push(snapshot.arm.stamp, base);
+        base
+    }
+
+    /// The base where the tissue is at rest: estimator, model and law work there.
+    fn at_rest(&mut self, snapshot: &Snapshot<'_>, base: &Isometry3<f64>) -> Isometry3<f64> {
+        if let Some(motion) = &mut self.motion {
+            if let Some(seen) = snapshot.marker {
+                let place = self.bearings.world_from_left_camera * seen.position;
+                motion.observe(seen.stamp, place.point(), seen.sigma);
+            }
+            self.field = Some(motion.field_to_follow(snapshot.now));
+        }
+        let base = self.field.map_or(*base, |field| field.pose_to_rest(base));
         if matches!(snapshot.phase, Phase::PreInsertion | Phase::Steering) {
             self.withdrawal.note(&base);
         }
         base
     }
 
+    /// Adds the tissue's own motion to what the law wants of the base at rest.
+    fn follow_tissue(&self, base: &Isometry3<f64>, mut decision: Decision) -> Decision {
+        if let Some(field) = &self.field {
+            decision.twist = field.twist_within(base, &decision.twist, &self.limits);
+        }
+        decision
+    }
+
     /// Takes a measurement in, with the base pose of its own instant.
     fn measure(&mut self, shape: &SensedShape) -> SensedTip {
         let world_from_camera = &self.bearings.world_from_left_camera;
+        let then = self.motion.as_ref().map(|motion| motion.field(shape.stamp));
+        let place = |p: &Position<LeftCamera>| {
+            let point = *(*world_from_camera * *p).point();
+            then.map_or(point, |field| field.point_to_rest(&point))
+        };
         self.shaft.clear();
-        self.shaft.extend(
-            shape
-                .points
-                .iter()
-                .map(|p| (*(*world_from_camera * p.position).point(), p.sigma)),
-        );
-        if let Some(world_from_base) = self.odometry.at(shape.stamp) {
+        self.shaft
+            .extend(shape.points.iter().map(|p| (place(&p.position), p.sigma)));
+        if let Some(base) = self.odometry.at(shape.stamp) {
             let variance = shape.tip.covariance.trace() / 3.0;
+            let direction = world_from_camera.rotate_direction(&shape.tip.direction);
             let health = self.estimator.observe(&Observation {
                 stamp: shape.stamp,
-                world_from_base,
-                position: *(*world_from_camera * shape.tip.position).point(),
+                world_from_base: then.map_or(base, |field| field.pose_to_rest(&base)),
+                position: place(&shape.tip.position),
                 position_sigma: variance.sqrt(),
-                direction: world_from_camera.rotate_direction(&shape.tip.direction),
+                direction: then.map_or(direction, |field| field.direction_to_rest(&direction)),
                 direction_sigma: shape.tip.direction_sigma,
                 shaft: &self.shaft,
             });
@@ -215,8 +265,28 @@ impl Cycle {
         springs
     }
 
+    /// The path that the law expects; all that was computed at rest is shown where it is now.
+    fn show(&mut self) {
+        let model = &mut self.telemetry.model;
+        self.law
+            .predicted_path(&self.estimator, &mut model.predicted_path);
+        if let Some(field) = &self.field {
+            let points = [
+                &mut model.shape,
+                &mut model.spring_points,
+                &mut model.rest_points,
+                &mut model.predicted_path,
+            ];
+            for point in points.into_iter().flatten() {
+                *point = field.point_from_rest(&Point3::from(*point)).coords;
+            }
+        }
+    }
+
     fn target_in_world(&self, tip: &Tip) -> Target {
+        let marker = self.motion.as_ref().and_then(TissueMotion::rest);
         let position = match self.target {
+            Some(_) if marker.is_some() => marker.unwrap_or_default(),
             Some(target) => *(self.bearings.world_from_left_camera * target).point(),
             // None set yet: far ahead on the tip axis.
             None => Point3::from(tip.world_from_tip.translation.vector + tip.axis()),
@@ -327,8 +397,11 @@ impl Cycle {
         t.arm_mode = snapshot.arm.mode;
         t.joints = snapshot.arm.positions;
         t.joint_rates = rates.rates;
-        t.world_from_base = Transform::assume(*base);
-        t.world_from_tip = Transform::assume(tip.world_from_tip);
+        let now = |pose: &Isometry3<f64>| self.field.map_or(*pose, |f| f.pose_from_rest(pose));
+        let world_from_tip = now(&tip.world_from_tip);
+        let place = self.field.map_or(target.position, |f| f.point_from_rest(&target.position));
+        t.world_from_base = Transform::assume(now(base));
+        t.world_from_tip = Transform::assume(world_from_tip);
         t.base_twist = decision.twist;
         if measured.is_some() {
             t.measured_tip = measured;
@@ -336,9 +409,13 @@ impl Cycle {
             t.tracking = Tracking::Predicted;
         }
         if let Some(given) = self.target {
-            t.target = given;
-            t.lateral_error = lateral_error(&tip.world_from_tip, &target.position);
-            t.axial_distance = target_ahead(&tip.world_from_tip, &target.position);
+            t.target = if self.field.is_some() {
+                self.bearings.world_from_left_camera.inverse() * Position::new(place)
+            } else {
+                given
+            };
+            t.lateral_error = lateral_error(&world_from_tip, &place);
+            t.axial_distance = target_ahead(&world_from_tip, &place);
         }
         t.depth = self.estimator.depth().max(0.0);
         t.law = decision.report;

@@ -2,7 +2,8 @@
 //!
 //! Read [`cycle`] first: one step from measurements to joint rates. [`run`](mod@run) moves an arm
 //! with it, [`rig`] assembles the devices that a [`config`] asks for, [`world`] is the simulated
-//! one, [`supervisor`] stops what must not go on. [`experiments`] and [`cli`] sit on top.
+//! one ([`twin`] puts the controller's own model in the phantom's place), [`supervisor`] stops
+//! what must not go on. [`experiments`], [`comparison`], [`robustness`] and [`cli`] sit on top.
 //!
 //! **Architecture invariant:** only [`run`](mod@run) writes to an arm, and every way out of it
 //! stops the arm.
@@ -15,6 +16,7 @@ pub mod run;
 pub mod controls;
 pub mod rig;
 pub mod world;
+pub mod twin;
 pub mod clock;
 pub mod supervisor;
 pub mod config;
@@ -24,4 +26,6 @@ pub mod series;
 pub mod statistics;
 pub mod plot;
 pub mod experiments;
+pub mod comparison;
+pub mod robustness;
 pub mod cli;

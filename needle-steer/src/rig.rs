@@ -3,20 +3,22 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use hal::frame::{ArmBase, LeftCamera, World};
+use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::{Arm, Clock, Recorded, ShapeSensor, Transform};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
-use phantom::{Bench, SettingsError, bench::Setup};
+use phantom::{Bench, Draw, Plant, SettingsError, bench::Setup};
 use robots::arms;
 use robots::kinematics::{Chain, Turns, UrdfError};
 use robots::sim::{SimError, SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 
 use crate::clock::LockstepClock;
-use crate::config::{Backend, Config, ViperDialect};
+use crate::config::{Backend, Config, PlantKind, ViperDialect};
 use crate::cycle::Bearings;
+use crate::springs::SpringsError;
+use crate::twin::TwinPlant;
 use crate::world::{Body, SimulatedWorld};
 
 /// Ticks of the simulated world.
@@ -79,6 +81,9 @@ pub enum RigBuildError {
     /// The guard's limits.
     #[error("guard: {0}")]
     Guard(#[from] LimiterError),
+    /// The controller's model as the plant.
+    #[error("plant: {0}")]
+    Twin(#[from] SpringsError),
     /// A device.
     #[error(transparent)]
     Device(#[from] hal::Error),
@@ -119,15 +124,18 @@ impl Rig {
             config.run.seed,
         )?;
         let left_from_world = cameras.truth().left_from_world;
-        let bench = Bench::new(
-            &settings,
-            &Setup {
-                world_from_phantom: world_from_entry,
-                world_from_base: Transform::assume(start),
-                left_from_world,
-                seed: config.run.seed,
-            },
-        )?;
+        let setup = Setup {
+            world_from_phantom: world_from_entry,
+            world_from_base: Transform::assume(start),
+            left_from_world,
+            seed: config.run.seed,
+        };
+        let bench = match config.run.plant {
+            PlantKind::Phantom => Bench::new(&settings, &setup)?,
+            PlantKind::Model => Bench::with_plant(&settings, &setup, |true_base| {
+                twin(config, &settings, true_base)
+            })?,
+        };
 
         let (driver, body, simulated_arm) = arm(config, &chain, &joints)?;
         let period = driver.description().period;
@@ -179,6 +187,22 @@ impl core::fmt::Debug for Rig {
             .field("bearings", &self.bearings)
             .finish_non_exhaustive()
     }
+}
+
+/// The controller's own model in the phantom's place.
+fn twin(
+    config: &Config,
+    settings: &phantom::Settings,
+    world_from_base: &Transform<World, NeedleBase>,
+) -> Result<Box<dyn Plant>, RigBuildError> {
+    let draw = Draw::new(settings, config.run.seed);
+    let nominal = settings.tip.cut_angle_deg.to_radians();
+    Ok(Box::new(TwinPlant::new(
+        config,
+        &draw,
+        nominal,
+        world_from_base,
+    )?))
 }
 
 /// An arm's driver, what moves in the simulated world, and the simulated arm if it is one.

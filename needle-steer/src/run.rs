@@ -7,7 +7,7 @@ use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, St
 
 use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
-use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
+use crate::cycle::{Cycle, CycleError, SeenMarker, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
 use crate::rig::{Rig, RigBuildError};
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
@@ -21,7 +21,7 @@ const PRE_INSERTION: f64 = 5e-3;
 /// Longest wait for the arm to come to rest.
 const REST: Duration = Duration::from_secs(1);
 /// Shortfall of reach that does not end a run \[m\].
-const REACH_TOLERANCE: f64 = 0.5e-3;
+const REACH_TOLERANCE: f64 = 1e-3;
 
 /// A run that could not be carried out; nothing moved, or the arm was stopped.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +50,11 @@ pub trait Observer {
         let _ = (arm, shape);
     }
 
+    /// The marker that the step read; called after [`Observer::inputs`] where there was one.
+    fn marker(&mut self, marker: &SeenMarker) {
+        let _ = marker;
+    }
+
     /// A command that went out.
     fn command(&mut self, command: &RateCommand) {
         let _ = command;
@@ -62,6 +67,16 @@ pub struct Unobserved;
 
 impl Observer for Unobserved {
     fn step(&mut self, _: &Telemetry) {}
+}
+
+/// Builds the devices that `config` asks for and carries out one insertion on them, watched by
+/// nobody.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn simulate(config: &Config) -> Result<Summary, RunError> {
+    let mut rig = Rig::new(config)?;
+    run(config, &mut rig, &mut Unobserved, &Controls::default())
 }
 
 /// Carries out one insertion on `rig`.
@@ -83,6 +98,7 @@ pub fn run(
     if config.run.dry_run {
         return Ok(insertion.summary(config, Ended::DryRun));
     }
+    insertion.attach_marker(config);
     insertion.rig.arm.enable()?;
     let ended = insertion.advance(config, observer, controls);
     let stopped = insertion.come_to_rest();
@@ -132,14 +148,11 @@ impl<'a> Insertion<'a> {
 
     /// Refuses a target that cannot be reached, as far as it is known before the start.
     fn check_target(&self, config: &Config) -> Result<(), Unreachable> {
-        let tip = (self.start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3))
-            .coords
-            + self.start.rotation * nalgebra::Vector3::z() * self.straight;
         let target = match config.target.kind {
             TargetKind::Stereo => {
                 (self.rig.bearings.world_from_left_camera * stereo_target(config)).coords()
             }
-            _ => nominal_target(config, &tip, &self.start),
+            _ => self.expected_target(config),
         };
         reachable_at_start(
             self.cycle.estimator(),
@@ -147,6 +160,20 @@ impl<'a> Insertion<'a> {
             self.cycle.limits(),
             Means::of_law(&config.run.law),
         )
+    }
+
+    /// The target as it lies before anything moves \[m\].
+    fn expected_target(&self, config: &Config) -> nalgebra::Vector3<f64> {
+        let ahead = config.needle.length_mm * 1e-3 + self.straight;
+        let tip = self.start * nalgebra::Point3::new(0.0, 0.0, ahead);
+        nominal_target(config, &tip.coords, &self.start)
+    }
+
+    /// Marks the tissue where the target is to be, so that its motion is known when it counts.
+    fn attach_marker(&self, config: &Config) {
+        if let (TargetKind::Marker, Some(world)) = (config.target.kind, &self.rig.world) {
+            world.attach_marker(&self.expected_target(config));
+        }
     }
 
     fn advance(
@@ -222,12 +249,17 @@ impl<'a> Insertion<'a> {
         }
         self.change_phase(config, now, state);
         observer.inputs(state, shape.as_ref());
+        let marker = self.rig.world.as_ref().and_then(SimulatedWorld::poll_marker);
+        if let Some(marker) = &marker {
+            observer.marker(marker);
+        }
         let dt = if since.is_finite() { since } else { PREDICTION };
         let telemetry = self.cycle.step(&Snapshot {
             now,
             dt,
             arm: state,
             shape: shape.as_ref(),
+            marker,
             phase: self.phase,
         });
         self.rates = telemetry.joint_rates;
@@ -291,6 +323,13 @@ impl<'a> Insertion<'a> {
                     world.watch((left_from_world.inverse() * target).coords());
                 }
                 return target;
+            }
+            (TargetKind::Marker, Some(world)) => {
+                let target = world
+                    .marker()
+                    .unwrap_or_else(|| self.expected_target(config));
+                world.watch(target);
+                target
             }
             (_, Some(world)) => {
                 let target = nominal_target(config, &world.true_tip(), &self.start);

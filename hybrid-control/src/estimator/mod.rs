@@ -41,6 +41,9 @@ struct Moment {
 /// it is then says nothing about the path \[m\].
 const LOOSE: f64 = 0.15e-3;
 
+/// No measurement is taken for better than this \[m\].
+const LEAST_SIGMA: f64 = 1e-6;
+
 /// Load columns of the moment's rod.
 const X: usize = 0;
 const Y: usize = 1;
@@ -95,10 +98,10 @@ impl Estimator {
         positive("stiffness_n_m2", settings.stiffness_n_m2)?;
         positive("step_mm", settings.step_mm)?;
         positive("cut_angle_deg", settings.cut_angle_deg)?;
-        if !(0.0..=20.0).contains(&settings.cutting_edge_mm) {
+        if !(0.0..=0.02).contains(&start.cutting_edge) {
             return Err(EstimatorError::NotPositive {
-                quantity: "cutting_edge_mm",
-                value: settings.cutting_edge_mm,
+                quantity: "cutting edge",
+                value: start.cutting_edge,
             });
         }
         let axis = start.world_from_base.rotation * Vector3::z();
@@ -116,7 +119,7 @@ impl Estimator {
         };
         let base = world_from_insertion.inverse() * start.world_from_base;
         let clamp = clamp_of(&base, &StiffnessFit::new(settings));
-        let reach = settings.cutting_edge_mm * 1e-3;
+        let reach = start.cutting_edge;
         let tip = base * Point3::new(0.0, 0.0, start.length + reach);
         let entry = planar(&clamp.w) - planar(&clamp.slope) * clamp.z;
         let mut path = CutPath::new(settings.step_mm * 1e-3);
@@ -162,7 +165,7 @@ impl Estimator {
                 .all(|x| x.is_finite())
             && o.position_sigma.is_finite()
             && o.direction_sigma.is_finite()
-            && o.position_sigma > 0.0
+            && o.position_sigma >= 0.0
             && o.direction_sigma >= 0.0;
         if !sane {
             return Health::Rejected;
@@ -206,7 +209,10 @@ impl Estimator {
             return Health::Used;
         }
         m.filter
-            .measure_position(&(position.coords.xy() - slope * ahead), o.position_sigma);
+            .measure_position(
+                &(position.coords.xy() - slope * ahead),
+                o.position_sigma.max(LEAST_SIGMA),
+            );
         if axis.z > 0.3 {
             let difference = Vector2::new(axis.x / axis.z, axis.y / axis.z) - slope;
             let sigma = o
@@ -239,15 +245,17 @@ impl Estimator {
             present.clamp = measured.clamp;
             present.azimuth = measured.azimuth;
             present.retracted = measured.retracted;
-            advance(
-                present,
-                &base,
-                self.length,
-                self.depth_offset,
-                &self.constants,
-                &self.stiffness,
-                &self.settings,
-            );
+            if self.settings.compensate_latency {
+                advance(
+                    present,
+                    &base,
+                    self.length,
+                    self.depth_offset,
+                    &self.constants,
+                    &self.stiffness,
+                    &self.settings,
+                );
+            }
             self.present_base = *world_from_base;
         }
         let age = self

@@ -4,6 +4,7 @@ use hal::Twist;
 use hal::telemetry::Limit;
 use nalgebra::Vector3;
 
+use crate::estimator::Estimator;
 use crate::view::{Decision, Law, View};
 
 struct Guarded<L>(L);
@@ -33,6 +34,10 @@ impl<L: Law> Law for Guarded<L> {
         }
         keep_limits(&mut decision, view);
         decision
+    }
+
+    fn predicted_path(&self, estimator: &Estimator, path: &mut Vec<Vector3<f64>>) {
+        self.0.predicted_path(estimator, path);
     }
 
     fn reset(&mut self) {

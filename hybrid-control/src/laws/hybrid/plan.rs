@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 
 use hal::telemetry::Limit;
-use nalgebra::{Point3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use crate::estimator::Rollout;
 use crate::levels::{Levels, padded};
@@ -61,11 +61,6 @@ impl Plan {
             }
         }
     }
-}
-
-/// Where the target will be when the tip gets there, at its present velocity.
-pub(super) fn aim(view: &View<'_>) -> Point3<f64> {
-    view.target.position
 }
 
 /// Fraction of an authority's use: all at `full`, none at zero or on the wrong side.
@@ -163,8 +158,10 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
     let mut excess = SMatrix::<f64, 2, N>::zeros();
     excess[(0, EXCESS)] = 1.0;
     excess[(1, EXCESS + 1)] = 1.0;
-    let (a, b) = padded(&excess, &Vector2::zeros());
-    levels.level(&a, &b)?;
+    if s.spare_entry {
+        let (a, b) = padded(&excess, &Vector2::zeros());
+        levels.level(&a, &b)?;
+    }
     let mut effort = SMatrix::<f64, N, N>::zeros();
     for i in 0..4 {
         effort[(i, i)] = 1.0;
@@ -181,12 +178,18 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
     } else {
         Vector2::zeros()
     };
+    let curvature = two(CURVATURE).cap_magnitude(1.0);
     Ok(Plan {
         valid: x.iter().all(|v| v.is_finite()),
         pivot: two(PIVOT) * (pivot_unit * pivot_fade),
         shift: two(SHIFT) * (shift_unit * shift_fade),
         unload,
-        curvature: two(CURVATURE).cap_magnitude(1.0),
+        // Without modulation the bevel faces where it is needed, and gives all it has.
+        curvature: if s.modulate {
+            curvature
+        } else {
+            curvature.try_normalize(1e-3).unwrap_or(curvature)
+        },
         shortfall: if curvature_most >= 1.0 && residual > 1e-6 {
             residual
         } else {
