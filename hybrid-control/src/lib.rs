@@ -32,9 +32,9 @@ pub mod settings;
 
 pub use estimator::{Estimator, EstimatorError, Health, Observation, Rollout, Start};
 pub use laws::{LAW_NAMES, LawError, law_by_name};
+pub use motion::{TissueField, TissueMotion};
 pub use reach::{
     Means, ReachMonitor, Unreachable, lateral_error, reachable_at_start, target_ahead,
 };
-pub use motion::{TissueField, TissueMotion};
 pub use settings::{EstimatorSettings, LawSettings, Limits, MotionSettings};
 pub use view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};

@@ -56,16 +56,25 @@ pub fn ablations() -> Vec<Variant> {
                 "both: bevel only",
                 &["law.hybrid.pivot=false", "law.hybrid.shift=false"],
             ),
-            ("level that spares the entry", &["law.hybrid.spare_entry=false"]),
+            (
+                "level that spares the entry",
+                &["law.hybrid.spare_entry=false"],
+            ),
             ("relief of the tissue", &["law.hybrid.unload=false"]),
             ("slowing down", &["law.hybrid.slow_down=false"]),
             ("bevel in reserve", &["law.hybrid.bevel_reserve=0"]),
             ("partial curvature by debt", &["law.hybrid.modulate=false"]),
             (
                 "fading of base authority",
-                &["law.hybrid.pivot_fade_mm_deg=0.001", "law.hybrid.shift_fade=0.001"],
+                &[
+                    "law.hybrid.pivot_fade_mm_deg=0.001",
+                    "law.hybrid.shift_fade=0.001",
+                ],
             ),
-            ("regaining a drawn-back tip", &["law.hybrid.regain_gain_per_s=0"]),
+            (
+                "regaining a drawn-back tip",
+                &["law.hybrid.regain_gain_per_s=0"],
+            ),
             (
                 "estimated stiffness",
                 &["estimator.stiffness_period_s=1000000"],
@@ -86,8 +95,14 @@ pub fn ablations() -> Vec<Variant> {
                 ],
             ),
             ("axial load", &["estimator.axial_load_n=0.0"]),
-            ("compliance of the tip", &["estimator.tip_compliance_deg_n=0.0"]),
-            ("prediction over latency", &["estimator.compensate_latency=false"]),
+            (
+                "compliance of the tip",
+                &["estimator.tip_compliance_deg_n=0.0"],
+            ),
+            (
+                "prediction over latency",
+                &["estimator.compensate_latency=false"],
+            ),
         ]
         .into_iter()
         .map(|(name, overrides)| Variant::new(&format!("without {name}"), overrides)),
@@ -172,7 +187,9 @@ impl Comparison {
         for variant in &self.variants {
             for (column, experiment) in self.experiments.iter().enumerate() {
                 let runs: Vec<RunFigures> = (0..self.runs).filter_map(|_| results.next()).collect();
-                let reference = cells.get(column).map_or_else(|| runs.clone(), |c| c.runs.clone());
+                let reference = cells
+                    .get(column)
+                    .map_or_else(|| runs.clone(), |c| c.runs.clone());
                 cells.push(Cell::new(variant, experiment, runs, &reference));
             }
         }
@@ -187,7 +204,8 @@ impl Cell {
         runs: Vec<RunFigures>,
         reference: &[RunFigures],
     ) -> Self {
-        let errors = |runs: &[RunFigures]| -> Vec<f64> { runs.iter().map(|r| r.true_error_mm).collect() };
+        let errors =
+            |runs: &[RunFigures]| -> Vec<f64> { runs.iter().map(|r| r.true_error_mm).collect() };
         let stretches =
             |runs: &[RunFigures]| -> Vec<f64> { runs.iter().map(|r| r.mean_stretch_mm).collect() };
         let (e, s) = (errors(&runs), stretches(&runs));
@@ -211,9 +229,8 @@ pub fn markdown(cells: &[Cell]) -> String {
         "| | | median | 95 % | error minus the first row's: median [95 % interval] | mean tissue displacement | minus the first row's | passed |\n|---|---|---|---|---|---|---|---|\n",
     );
     for cell in cells {
-        let show = |d: &PairedDifference| {
-            format!("{:+.3} [{:+.3}, {:+.3}]", d.median, d.low, d.high)
-        };
+        let show =
+            |d: &PairedDifference| format!("{:+.3} [{:+.3}, {:+.3}]", d.median, d.low, d.high);
         text.push_str(&format!(
             "| {} | {} | {:.3} | {:.3} | {} | {:.3} | {} | {}/{} |\n",
             cell.variant,
@@ -247,7 +264,10 @@ mod tests {
     #[test]
     fn variants_meet_the_same_seeds_and_the_first_row() {
         let comparison = Comparison {
-            variants: vec![Variant::new("a", &[]), Variant::new("b", &["run.law=paper"])],
+            variants: vec![
+                Variant::new("a", &[]),
+                Variant::new("b", &["run.law=paper"]),
+            ],
             experiments: vec![EXPERIMENTS[1], EXPERIMENTS[3]],
             first_seed: 7,
             runs: 5,

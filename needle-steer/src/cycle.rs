@@ -222,6 +222,14 @@ impl Cycle {
     /// Takes a measurement in, with the base pose of its own instant.
     fn measure(&mut self, shape: &SensedShape) -> SensedTip {
         let world_from_camera = &self.bearings.world_from_left_camera;
+        if let Some(motion) = &mut self.motion {
+            motion.observe_tip(
+                shape.stamp,
+                (*world_from_camera * shape.tip.position).point(),
+                &world_from_camera.rotate_direction(&shape.tip.direction),
+                (shape.tip.covariance.trace() / 3.0).sqrt(),
+            );
+        }
         let then = self.motion.as_ref().map(|motion| motion.field(shape.stamp));
         let place = |p: &Position<LeftCamera>| {
             let point = *(*world_from_camera * *p).point();
@@ -399,7 +407,9 @@ impl Cycle {
         t.joint_rates = rates.rates;
         let now = |pose: &Isometry3<f64>| self.field.map_or(*pose, |f| f.pose_from_rest(pose));
         let world_from_tip = now(&tip.world_from_tip);
-        let place = self.field.map_or(target.position, |f| f.point_from_rest(&target.position));
+        let place = self
+            .field
+            .map_or(target.position, |f| f.point_from_rest(&target.position));
         t.world_from_base = Transform::assume(now(base));
         t.world_from_tip = Transform::assume(world_from_tip);
         t.base_twist = decision.twist;

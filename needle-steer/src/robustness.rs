@@ -58,7 +58,11 @@ impl Case {
             format!("target.offset_mm={offset:?}"),
             format!("target.angle_deg={angle}.0"),
         ];
-        let noise = if preset == "harsh" { (0.5, 2.0) } else { (0.1, 0.2) };
+        let noise = if preset == "harsh" {
+            (0.5, 2.0)
+        } else {
+            (0.1, 0.2)
+        };
         let sensor = pick(5, 5);
         if sensor == 0 || sensor == 4 {
             overrides.push(format!("phantom.sensor.noise_mm={:?}", noise.0));
@@ -281,7 +285,11 @@ mod tests {
         for index in 0..1000 {
             let config = Case::new(index).config().unwrap();
             assert_eq!(config.run.seed, 5000 + index);
-            seen.insert((config.run.law, config.run.phantom, Case::new(index).overrides.len()));
+            seen.insert((
+                config.run.law,
+                config.run.phantom,
+                Case::new(index).overrides.len(),
+            ));
         }
         // Seven laws, three presets, four numbers of overrides at least.
         assert!(seen.len() >= 7 * 3 * 4, "{}", seen.len());

@@ -249,7 +249,11 @@ impl<'a> Insertion<'a> {
         }
         self.change_phase(config, now, state);
         observer.inputs(state, shape.as_ref());
-        let marker = self.rig.world.as_ref().and_then(SimulatedWorld::poll_marker);
+        let marker = self
+            .rig
+            .world
+            .as_ref()
+            .and_then(SimulatedWorld::poll_marker);
         if let Some(marker) = &marker {
             observer.marker(marker);
         }

@@ -208,11 +208,10 @@ impl Estimator {
         if m.retracted > LOOSE {
             return Health::Used;
         }
-        m.filter
-            .measure_position(
-                &(position.coords.xy() - slope * ahead),
-                o.position_sigma.max(LEAST_SIGMA),
-            );
+        m.filter.measure_position(
+            &(position.coords.xy() - slope * ahead),
+            o.position_sigma.max(LEAST_SIGMA),
+        );
         if axis.z > 0.3 {
             let difference = Vector2::new(axis.x / axis.z, axis.y / axis.z) - slope;
             let sigma = o

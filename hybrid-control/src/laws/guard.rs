@@ -110,6 +110,11 @@ fn keep_limits(decision: &mut Decision, view: &View<'_>) {
     }
     parts = Parts::of(&decision.twist.scaled(scale), &axis);
     if leaves_workspace(&parts.whole(&axis), view) {
+        // A pivot about the entry moves a shifted base along the needle too. What stays of a
+        // pivot that is taken away would draw the needle back for ever.
+        let arm = view.world_from_base.translation.vector - view.entry.point.coords;
+        let most = limits.insertion_speed_mm_s * 1e-3;
+        parts.insertion = (parts.insertion - parts.tilt.cross(&arm).dot(&axis)).clamp(-most, most);
         parts.across = Vector3::zeros();
         parts.tilt = Vector3::zeros();
         decision.report.limits.push(Limit::Workspace);

@@ -124,12 +124,7 @@ impl TissueField {
 
     /// As [`Self::twist_from_rest`], the law's part slowed until the whole keeps the speeds of
     /// `limits`; motion of the tissue that is too fast by itself is followed as fast as allowed.
-    pub fn twist_within(
-        &self,
-        at_rest: &Isometry3<f64>,
-        twist: &Twist,
-        limits: &Limits,
-    ) -> Twist {
+    pub fn twist_within(&self, at_rest: &Isometry3<f64>, twist: &Twist, limits: &Limits) -> Twist {
         let axis = self.direction_from_rest(&(at_rest.rotation * Vector3::z()));
         let follow = self.twist_from_rest(at_rest, &Twist::zero());
         let over = excess(&follow, &axis, limits);

@@ -8,22 +8,27 @@
 
 mod field;
 mod marker;
+mod ratio;
 
 pub use field::TissueField;
 pub use marker::MarkerTrack;
 
 use hal::Stamp;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Unit, Vector3};
+use ratio::SurfaceRatio;
 
 use crate::settings::MotionSettings;
 use crate::view::Entry;
+
+/// Depth of a marker below which it tells nothing about how motion changes with depth \[m\].
+const SHALLOW: f64 = 5e-3;
 
 /// The tissue's motion as a marker tells it.
 ///
 /// At rest is the tissue as it was when the marker was first seen.
 #[derive(Clone, Debug)]
 pub struct TissueMotion {
-    surface_ratio: f64,
+    surface: SurfaceRatio,
     lead: f64,
     entry: Entry,
     track: MarkerTrack,
@@ -34,7 +39,7 @@ impl TissueMotion {
     /// Tissue that has not been seen to move yet.
     pub fn new(settings: &MotionSettings, entry: &Entry) -> Self {
         Self {
-            surface_ratio: settings.surface_ratio,
+            surface: SurfaceRatio::new(settings.surface_ratio, settings.surface_sigma),
             lead: settings.lead_ms * 1e-3,
             entry: *entry,
             track: MarkerTrack::new(settings),
@@ -48,6 +53,29 @@ impl TissueMotion {
         if self.track.observe(stamp, marker, sigma) && self.rest.is_none() {
             self.rest = Some(*marker);
         }
+    }
+
+    /// Takes in the measured tip (World) and its axis: it moves with the tissue that holds it.
+    pub fn observe_tip(
+        &mut self,
+        stamp: Stamp,
+        tip: &Point3<f64>,
+        axis: &Unit<Vector3<f64>>,
+        sigma: f64,
+    ) {
+        if let Some(rest) = &self.rest {
+            let moved = self.track.at(stamp, 0.0).0 - rest.coords;
+            let depth = (rest - self.entry.point).dot(&self.entry.inward);
+            if depth > SHALLOW {
+                self.surface
+                    .observe(&self.entry, (stamp, tip, axis), sigma, (&moved, depth));
+            }
+        }
+    }
+
+    /// Motion at the entry over motion at the marker, as estimated.
+    pub fn surface_ratio(&self) -> f64 {
+        self.surface.value()
     }
 
     /// Where the marker is at rest \[m\]; nothing before it was seen.
@@ -73,14 +101,18 @@ impl TissueMotion {
         field
     }
 
-    /// The marker's motion carried over depth: `surface_ratio` of it at the entry, all of it at
+    /// The marker's motion carried over depth: the surface's part of it at the entry, all of it at
     /// the marker, straight in between and beyond.
     fn carried(&self, rest: &Point3<f64>, stamp: Stamp, ahead: f64) -> TissueField {
         let depth = (rest - self.entry.point).dot(&self.entry.inward);
         let (place, rate) = self.track.at(stamp, ahead);
         // A marker at the surface says nothing about depth: the motion then counts as rigid.
-        let ratio = if depth > 5e-3 { self.surface_ratio } else { 1.0 };
-        let slope = (1.0 - ratio) / depth.max(5e-3);
+        let ratio = if depth > SHALLOW {
+            self.surface.value()
+        } else {
+            1.0
+        };
+        let slope = (1.0 - ratio) / depth.max(SHALLOW);
         let moved = place - rest.coords;
         TissueField::new(
             &self.entry,
@@ -95,7 +127,7 @@ impl TissueMotion {
     }
 }
 
-/// Both vectors finite.
+/// Every number finite.
 pub(crate) fn finite(v: &Vector3<f64>) -> bool {
     v.iter().all(|x| x.is_finite())
 }

@@ -12,8 +12,10 @@ pub struct MotionSettings {
     pub breathing_sigma: f64,
     /// Expected amplitude of mean and first harmonic \[mm\] (assumed).
     pub amplitude_mm: f64,
-    /// Motion at the entry over motion at the marker (assumed).
+    /// Motion at the entry over motion at the marker, before the needle tells (assumed).
     pub surface_ratio: f64,
+    /// Its standard deviation.
+    pub surface_sigma: f64,
     /// Drift of the mean, standard deviation in one second \[mm\].
     pub mean_walk_mm: f64,
     /// Change of the harmonics, standard deviation in one second \[mm\].
@@ -30,6 +32,7 @@ impl Default for MotionSettings {
             breathing_sigma: 0.2,
             amplitude_mm: 4.0,
             surface_ratio: 0.2,
+            surface_sigma: 0.3,
             mean_walk_mm: 0.03,
             amplitude_walk_mm: 0.07,
             lead_ms: 50.0,

@@ -82,7 +82,13 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
     let cells: usize = plan
         .experiments
         .iter()
-        .map(|e| if plan.brackets { Column::of(e).len() } else { 1 })
+        .map(|e| {
+            if plan.brackets {
+                Column::of(e).len()
+            } else {
+                1
+            }
+        })
         .sum();
     let progress = ProgressBar::new(args.runs * cells as u64);
     let results = reproduce(

@@ -31,10 +31,7 @@ fn agree(low: (&str, f64), high: (&str, f64)) -> Result<(), Invalid> {
     }
     Err(Invalid {
         key: low.0.to_owned(),
-        problem: format!(
-            "expected at most {} ({}), found {}",
-            high.0, high.1, low.1
-        ),
+        problem: format!("expected at most {} ({}), found {}", high.0, high.1, low.1),
     })
 }
 
@@ -204,6 +201,7 @@ impl Config {
         within("motion.breathing_sigma", motion.breathing_sigma, 0.01, 1.0)?;
         within("motion.amplitude_mm", motion.amplitude_mm, 0.1, 50.0)?;
         within("motion.surface_ratio", motion.surface_ratio, -1.0, 2.0)?;
+        within("motion.surface_sigma", motion.surface_sigma, 0.0, 10.0)?;
         within("motion.mean_walk_mm", motion.mean_walk_mm, 0.0, 10.0)?;
         within(
             "motion.amplitude_walk_mm",
