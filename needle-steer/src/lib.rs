@@ -21,6 +21,7 @@ pub mod clock;
 pub mod supervisor;
 pub mod config;
 pub mod outcome;
+pub mod progress;
 pub mod journal;
 pub mod series;
 pub mod statistics;

@@ -24,6 +24,8 @@ const FARTHEST: f64 = 0.04;
 /// Largest difference between estimated and true tip in World \[m\]: robot and sensor flaws take a
 /// part of it.
 const LOST: f64 = 5e-3;
+/// Longest time that the estimate may be that far off \[s\]: what comes back is no divergence.
+const LOST_FOR: f64 = 2.0;
 /// Slack of the workspace: arms brake within this \[m\], \[rad\].
 const SLACK: (f64, f64) = (0.5e-3, 4e-3);
 
@@ -158,6 +160,8 @@ pub struct Audit {
     config: Config,
     joint_limits: Vec<JointLimit>,
     now: f64,
+    /// Since when the tip is lost.
+    lost_since: Option<f64>,
     /// What was found so far.
     pub violations: Vec<Violation>,
 }
@@ -169,6 +173,7 @@ impl Audit {
             config: config.clone(),
             joint_limits,
             now: 0.0,
+            lost_since: None,
             violations: Vec::new(),
         }
     }
@@ -259,8 +264,11 @@ impl Audit {
             self.hold("tip astray", across(&truth.tip), FARTHEST);
             let lost = (t.world_from_tip.origin().coords() - truth.tip).norm();
             // Truth is of the last exposure; the estimate is of now.
-            if t.phase == Phase::Steering {
-                self.hold("tip lost", lost, LOST);
+            if t.phase == Phase::Steering && lost.is_finite() && lost <= LOST {
+                self.lost_since = None;
+            } else if t.phase == Phase::Steering {
+                let since = *self.lost_since.get_or_insert(self.now);
+                self.hold("tip lost for", self.now - since, LOST_FOR);
             }
         }
     }

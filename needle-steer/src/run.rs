@@ -9,6 +9,7 @@ use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, SeenMarker, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
+use crate::progress::Progress;
 use crate::rig::{Rig, RigBuildError};
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
 use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
@@ -113,6 +114,7 @@ struct Insertion<'a> {
     cycle: Cycle,
     supervisor: Supervisor,
     reach: ReachMonitor,
+    progress: Progress,
     phase: Phase,
     before_pause: Phase,
     straight: f64,
@@ -134,6 +136,7 @@ impl<'a> Insertion<'a> {
             supervisor: Supervisor::new(bounds(config), rig.clock.now()),
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
+            progress: Progress::default(),
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
@@ -283,6 +286,7 @@ impl<'a> Insertion<'a> {
         let wanted = match wish {
             Wish::Proceed if matches!(self.phase, Phase::Paused | Phase::Retracting) => {
                 self.cycle.resume();
+                self.progress.reset();
                 self.before_pause
             }
             Wish::Proceed => self.phase,
@@ -359,9 +363,12 @@ impl<'a> Insertion<'a> {
         if telemetry.axial_distance <= 0.0 {
             return Some(Ended::TargetPassed);
         }
-        self.reach
-            .update(now, &telemetry.law)
-            .map(Ended::Unreachable)
+        if let Some(shortfall) = self.reach.update(now, &telemetry.law) {
+            return Some(Ended::Unreachable(shortfall));
+        }
+        self.progress
+            .update(now, telemetry.axial_distance)
+            .map(Ended::NoProgress)
     }
 
     /// Stops and waits until the arm is at rest.

@@ -384,7 +384,12 @@ impl Estimator {
 
     fn tip(&self, age: f64) -> Tip {
         let m = &self.present;
-        let c = m.filter.position();
+        // A needle drawn back lies in its hole.
+        let c = if m.retracted > LOOSE {
+            planar(&m.path.at((m.path.tip_depth() - m.retracted).max(0.0)))
+        } else {
+            m.filter.position()
+        };
         let slope = planar(&m.rod.tip_slope()) + self.slope_offset;
         let back = Vector3::new(slope.x, slope.y, 1.0);
         let back = back * (self.reach / back.norm());
