@@ -7,6 +7,7 @@
 mod arm;
 mod axis;
 mod binding;
+mod blend;
 mod limiter;
 mod motion;
 
@@ -14,7 +15,7 @@ use nalgebra::{Isometry3, Point3};
 
 pub use arm::Guarded;
 pub use limiter::Limiter;
-pub use motion::{Limited, LimiterError, Motion};
+pub use motion::{Course, Limited, LimiterError, Motion};
 
 use crate::telemetry::Limit;
 use crate::{Joints, Twist};

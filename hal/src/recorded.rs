@@ -107,3 +107,142 @@ impl<A: Arm> Arm for Recorded<A> {
         result
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use core::time::Duration;
+
+    use super::*;
+    use crate::{ArmMode, JointLimit, Joints, Stamp};
+
+    /// An arm that counts its calls and refuses when told to.
+    struct Fake {
+        description: ArmDescription,
+        refusal: Option<ErrorKind>,
+        calls: u32,
+    }
+
+    impl Fake {
+        fn new() -> Self {
+            let limit = JointLimit {
+                lower: -1.0,
+                upper: 1.0,
+                velocity: 1.0,
+                acceleration: 4.0,
+                jerk: 40.0,
+            };
+            let description = ArmDescription {
+                name: "fake".into(),
+                joint_names: vec!["joint".into()],
+                limits: vec![limit],
+                period: Duration::from_millis(16),
+            };
+            Self {
+                description,
+                refusal: None,
+                calls: 0,
+            }
+        }
+
+        fn call(&mut self) -> Result<(), Error> {
+            self.calls += 1;
+            self.refusal
+                .map_or(Ok(()), |kind| Err(Error::new("fake", kind)))
+        }
+    }
+
+    impl Arm for Fake {
+        fn description(&self) -> &ArmDescription {
+            &self.description
+        }
+
+        fn state(&mut self) -> Result<ArmState, Error> {
+            self.call()?;
+            let zero = Joints::zeros(1).unwrap();
+            Ok(ArmState {
+                stamp: Stamp::from_secs(f64::from(self.calls)),
+                positions: zero,
+                rates: zero,
+                mode: ArmMode::Enabled,
+            })
+        }
+
+        fn enable(&mut self) -> Result<(), Error> {
+            self.call()
+        }
+
+        fn command(&mut self, _: &RateCommand) -> Result<(), Error> {
+            self.call()
+        }
+
+        fn stop(&mut self) -> Result<(), Error> {
+            self.call()
+        }
+
+        fn reset(&mut self) -> Result<(), Error> {
+            self.call()
+        }
+    }
+
+    fn command(sequence: u64) -> RateCommand {
+        RateCommand {
+            sequence,
+            stamp: Stamp::ZERO,
+            rates: Joints::zeros(1).unwrap(),
+        }
+    }
+
+    #[test]
+    fn every_call_is_passed_on_once_and_kept_with_what_became_of_it() {
+        let mut arm = Recorded::new(Fake::new(), 100);
+        assert_eq!(arm.description().name, "fake");
+        let state = arm.state().unwrap();
+        arm.enable().unwrap();
+        arm.command(&command(1)).unwrap();
+        arm.inner_mut().refusal = Some(ErrorKind::Faulted);
+        assert_eq!(
+            arm.command(&command(2)).unwrap_err().kind(),
+            ErrorKind::Faulted
+        );
+        assert_eq!(arm.state().unwrap_err().kind(), ErrorKind::Faulted);
+        assert_eq!(arm.enable().unwrap_err().kind(), ErrorKind::Faulted);
+        assert_eq!(arm.stop().unwrap_err().kind(), ErrorKind::Faulted);
+        arm.inner_mut().refusal = None;
+        arm.stop().unwrap();
+        arm.reset().unwrap();
+        let refused = Err(ErrorKind::Faulted);
+        let expected = [
+            Event::State(state),
+            Event::Enable(Ok(())),
+            Event::Command(command(1), Ok(())),
+            Event::Command(command(2), refused),
+            Event::StateFailed(ErrorKind::Faulted),
+            Event::Enable(refused),
+            Event::Stop(refused),
+            Event::Stop(Ok(())),
+            Event::Reset(Ok(())),
+        ];
+        assert!(arm.events().eq(&expected), "{:?}", arm.events);
+        assert_eq!(arm.inner().calls, 9);
+    }
+
+    #[test]
+    fn only_the_newest_events_are_kept_in_order() {
+        for capacity in [0, 1, 4] {
+            let mut arm = Recorded::new(Fake::new(), capacity);
+            let kept = u64::try_from(capacity.max(1)).unwrap();
+            for sequence in 1..=10 {
+                arm.command(&command(sequence)).unwrap();
+                assert_eq!(arm.events().len() as u64, sequence.min(kept));
+            }
+            let sequences: Vec<u64> = arm
+                .events()
+                .map(|event| match event {
+                    Event::Command(command, _) => command.sequence,
+                    other => panic!("{other:?}"),
+                })
+                .collect();
+            assert_eq!(sequences, (11 - kept..=10).collect::<Vec<_>>());
+        }
+    }
+}

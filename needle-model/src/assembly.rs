@@ -8,7 +8,7 @@ use crate::equilibrium::Equilibrium;
 use crate::piece::{Node, Piece};
 
 impl Equilibrium {
-    /// Factors the tangent at the present state, leaving minus the residual in `rhs`.
+    /// Factors the tangent at the present, settled state, leaving minus the residual in `rhs`.
     ///
     /// `frozen` planes and lengths make the tangent that of the fixed-point step.
     #[expect(
@@ -16,20 +16,16 @@ impl Equilibrium {
         reason = "one pass over the nodes, in the equations' order"
     )]
     pub(crate) fn linearize(&mut self, frozen: bool) -> Result<Block<2, 1>, Singular> {
-        self.factored_within = 0.0;
+        self.factored = false;
         let n = self.springs.len();
-        let (z, x) = (self.nodes[0].d, self.nodes[0].e[0]);
-        for (node, spring) in self.nodes[1..].iter_mut().zip(&self.springs) {
-            node.refresh(&z, &x, &spring.rest);
-            if frozen {
-                node.w = Vector3::zeros();
-            }
-        }
-        self.settle_tip();
+        let z = self.nodes[0].d;
         self.pieces.resize(n, Piece::default());
         self.system.clear();
         self.rhs.clear();
 
+        let input = self.tip_input();
+        self.tip
+            .differentiate(&input, &self.nodes[n].d, self.tip_length);
         let tip = &self.tip;
         let load = self.load;
         // Residuals of total length and roll, with the pieces' own corrections.
@@ -64,14 +60,9 @@ impl Equilibrium {
             let mut roll_p = piece.roll_by[0];
             let mut roll_d = piece.roll_by[2];
 
-            let mut diagonal = coupling(
-                node,
-                node,
-                piece.alpha,
-                -piece.beta,
-                -piece.beta,
-                piece.gamma,
-            );
+            // alpha, beta and gamma of the pieces before and after, in the node's own block.
+            let mut own = [piece.alpha, -piece.beta, piece.gamma];
+            let mut diagonal = [[0.0; WIDE]; 5];
             add_outer(
                 &mut diagonal,
                 &node.project(&piece.shear_l, &piece.end_l),
@@ -102,9 +93,10 @@ impl Equilibrium {
                 by_d += after.l_by[1];
                 roll_p -= after.roll_by[0];
                 roll_d += after.roll_by[1];
-                let own = coupling(node, node, after.alpha, after.beta, after.beta, after.gamma);
+                own[0] += after.alpha;
+                own[1] += after.beta;
+                own[2] += after.gamma;
                 let rows = node.project(&-after.shear_l, &after.start_l);
-                add(&mut diagonal, &own);
                 add_outer(
                     &mut diagonal,
                     &rows,
@@ -142,19 +134,14 @@ impl Equilibrium {
                 by_d += tip.arc_d + tip.y_d.tr_mul(&tip.arc_y);
                 roll_d += tip.roll_d + tip.y_d.tr_mul(&tip.roll_y);
             }
-            diagonal[0][0] += spring.stiffness;
-            diagonal[1][1] += spring.stiffness;
+            own[0] += spring.stiffness;
             // The plane turns with the needle: its reaction tilts into the balance.
             let reaction = if frozen {
                 0.0
             } else {
                 node.n.dot(&force) / node.d.norm()
             };
-            for r in 0..2 {
-                for c in 0..3 {
-                    diagonal[r][2 + c] -= reaction * node.e[r][c];
-                }
-            }
+            add_own(&mut diagonal, node, own, reaction);
             let border = [node.reduce(&by_p, &by_d), node.reduce(&roll_p, &roll_d)];
             self.system.push(&lower, &diagonal, &upper, &border)?;
             self.rhs.push(node.project(&force, &moment).map(|v| [-v]));
@@ -180,7 +167,44 @@ impl Equilibrium {
             ],
         ];
         self.system.close(&column, &corner)?;
+        self.factored = !frozen;
+        self.factored_within = 0.0;
         Ok([[-length], [-roll]])
+    }
+
+    /// Leaves minus the residual at the present, settled state in `rhs`, for the tangent factored
+    /// before: the pieces keep their gradients.
+    pub(crate) fn residual(&mut self) -> Block<2, 1> {
+        let (n, tip, load) = (self.springs.len(), &self.tip, self.load);
+        let z = self.nodes[0].d;
+        let mut length = tip.arc - self.needle.length();
+        let mut roll = tip.roll - self.theta;
+        self.rhs.clear();
+        let mut carried = (Vector3::zeros(), Vector3::zeros());
+        for i in 1..=n {
+            let (a, b) = (&self.nodes[i - 1], &self.nodes[i]);
+            let (piece, spring) = (&mut self.pieces[i - 1], &self.springs[i - 1]);
+            piece.renew(self.stiffness, a, b, &z, i == 1);
+            length += b.l + piece.slack;
+            roll += piece.roll + piece.roll_l * piece.slack;
+            let shear = piece.shear + piece.shear_l * piece.slack;
+            if i > 1 {
+                let start = piece.start + piece.start_l * piece.slack;
+                let row = a.project(&(carried.0 - shear), &(carried.1 + start));
+                self.rhs.push(row.map(|v| [-v]));
+            }
+            carried = (
+                shear + (b.p - spring.rest) * spring.stiffness,
+                piece.end + piece.end_l * piece.slack,
+            );
+        }
+        if n > 0 {
+            let force = carried.0 - tip.y * load.force;
+            let moment = carried.1 - tip.y * tip.moment;
+            self.rhs
+                .push(self.nodes[n].project(&force, &moment).map(|v| [-v]));
+        }
+        [[-length], [-roll]]
     }
 }
 
@@ -208,12 +232,25 @@ fn coupling(row: &Node, column: &Node, pp: f64, pd: f64, dp: f64, dd: f64) -> Sq
     m
 }
 
+/// Adds the block of a node by itself: as `coupling`, where plane and normal are orthogonal; the
+/// plane's `reaction` tilts with the derivative.
 #[inline]
-fn add(m: &mut Square, other: &Square) {
-    for r in 0..5 {
-        for c in 0..WIDE {
-            m[r][c] += other[r][c];
+fn add_own(m: &mut Square, node: &Node, [pp, pd, dd]: [f64; 3], reaction: f64) {
+    let tilt = pd - reaction;
+    for r in 0..2 {
+        m[r][r] += pp;
+        for c in 0..3 {
+            m[r][2 + c] += tilt * node.e[r][c];
         }
+    }
+    for r in 0..3 {
+        let slide = pd * node.n[r];
+        m[2 + r][0] += pd * node.e[0][r];
+        m[2 + r][1] += pd * node.e[1][r];
+        for c in 0..3 {
+            m[2 + r][2 + c] -= slide * node.w[c];
+        }
+        m[2 + r][2 + r] += dd;
     }
 }
 

@@ -7,8 +7,8 @@ use crate::equilibrium::Equilibrium;
 use crate::equilibrium_error::EquilibriumError;
 use crate::jacobian::{TangentError, jacobian_in_frames};
 use crate::needle::{Needle, NeedleError};
-use crate::piece::TipLoad;
 use crate::spring::Spring;
+use crate::tip_piece::TipLoad;
 
 /// Largest defect of a rotation matrix that is taken for rounding.
 const ROTATION_TOLERANCE: f64 = 1e-6;

@@ -8,29 +8,22 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use crate::block::{Block, Bordered, Singular};
+use crate::block::{Block, Bordered};
 use crate::equilibrium_error::{EquilibriumError, validate};
 use crate::needle::Needle;
-use crate::piece::{Node, Piece, TipInput, TipLoad, TipPiece};
+use crate::piece::{Node, Piece};
 use crate::segment::Segment;
 use crate::spring::Spring;
-
-/// Newton steps before giving up.
-const MAX_ITERATIONS: usize = 60;
-/// Fixed-point steps before Newton's method on a cold start.
-const RELAXATIONS: usize = 3;
-/// Largest change of a derivative in one step.
-const MAX_TURN: f64 = 0.5;
-/// Arm that turns a change of slope into a length, for the tolerance \[m\].
-const SLOPE_ARM: f64 = 0.01;
+use crate::tip_piece::{TipInput, TipLoad, TipPiece};
 
 /// How an equilibrium was reached.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Convergence {
-    /// Newton steps.
+    /// Newton steps, those with a tangent factored before included.
     pub iterations: usize,
-    /// Length of the last step \[m\]: the largest move of a node (or turn times 10 mm). Newton
-    /// converges quadratically, so the state is far closer than this to the equilibrium.
+    /// Length of the last step \[m\]: the largest move of a node (or turn times 10 mm). The state is
+    /// within a hundredth of the tolerance of the equilibrium: Newton converges quadratically, and
+    /// steps with an older tangent go on until their ratio says so.
     pub residual: f64,
 }
 
@@ -50,9 +43,11 @@ pub struct Equilibrium {
     pub(crate) pieces: Vec<Piece>,
     pub(crate) system: Bordered,
     pub(crate) rhs: Vec<Block<5, 1>>,
-    tolerance: f64,
-    convergence: Convergence,
-    /// Length of the last step when `system` was factored within it of the present state.
+    pub(crate) tolerance: f64,
+    pub(crate) convergence: Convergence,
+    /// Whether `system` holds the tangent of a state with as many springs.
+    pub(crate) factored: bool,
+    /// How far the state has moved since then \[m\]; infinite when its inputs changed.
     pub(crate) factored_within: f64,
 }
 
@@ -93,7 +88,7 @@ impl Equilibrium {
             },
             tip_length: needle.length(),
             theta: 0.0,
-            tip: TipPiece::new(&input, &z, needle.length(), 0.0, y),
+            tip: TipPiece::straight(&input, needle.length()),
             pieces: Vec::with_capacity(64),
             system: Bordered::with_capacity(64),
             rhs: Vec::with_capacity(64),
@@ -102,6 +97,7 @@ impl Equilibrium {
                 iterations: 0,
                 residual: 0.0,
             },
+            factored: false,
             factored_within: f64::INFINITY,
         }
     }
@@ -155,72 +151,6 @@ impl Equilibrium {
         result
     }
 
-    /// As [`Self::converge`], from cold.
-    pub(crate) fn restart(
-        &mut self,
-        update: impl FnMut(&mut Self, usize),
-    ) -> Result<Convergence, EquilibriumError> {
-        self.start();
-        self.relax()?;
-        let result = self.converge(update)?;
-        self.convergence.iterations = result.iterations + RELAXATIONS;
-        Ok(self.convergence)
-    }
-
-    /// Fixed-point steps from a cold start: linear beam with planes and lengths frozen, then both
-    /// renewed. Converges from far away, where Newton's method may not.
-    fn relax(&mut self) -> Result<(), EquilibriumError> {
-        for iteration in 1..=RELAXATIONS {
-            let unstable = |_| EquilibriumError::Unstable { iteration };
-            let mut border = self.linearize(true).map_err(unstable)?;
-            self.advance(&mut border).map_err(unstable)?;
-            let z = self.nodes[0].d;
-            let mut used = 0.0;
-            for i in 1..self.nodes.len() {
-                for _ in 0..3 {
-                    let (a, b) = (&self.nodes[i - 1], &self.nodes[i]);
-                    let mut piece = Piece::default();
-                    piece.set(self.stiffness, a, b, &z, true);
-                    self.nodes[i].l = (self.nodes[i].l + piece.slack).max(0.5 * self.nodes[i].l);
-                }
-                used += self.nodes[i].l;
-            }
-            self.tip_length = self.needle.length() - used;
-        }
-        self.settle_tip();
-        Ok(())
-    }
-
-    /// Newton's method; `update` may renew stiffnesses and load from the state before each step.
-    pub(crate) fn converge(
-        &mut self,
-        mut update: impl FnMut(&mut Self, usize),
-    ) -> Result<Convergence, EquilibriumError> {
-        self.convergence.residual = f64::NAN;
-        let mut last_step_m = f64::NAN;
-        for iteration in 1..=MAX_ITERATIONS {
-            update(self, iteration - 1);
-            let step = self
-                .iterate()
-                .map_err(|Singular| EquilibriumError::Unstable { iteration })?;
-            if !step.is_finite() {
-                return Err(EquilibriumError::Unstable { iteration });
-            }
-            last_step_m = step;
-            if step <= self.tolerance {
-                self.convergence = Convergence {
-                    iterations: iteration,
-                    residual: step,
-                };
-                return Ok(self.convergence);
-            }
-        }
-        Err(EquilibriumError::NotConverged {
-            iterations: MAX_ITERATIONS,
-            last_step_m,
-        })
-    }
-
     pub(crate) fn set_base(&mut self, world_from_base: &Isometry3<f64>) {
         self.factored_within = f64::INFINITY;
         self.base = *world_from_base;
@@ -234,7 +164,6 @@ impl Equilibrium {
         {
             first.l -= advance;
             self.tip_length += advance;
-            self.settle_tip();
         }
         let base = &mut self.nodes[0];
         base.p = world_from_base.translation.vector;
@@ -248,6 +177,8 @@ impl Equilibrium {
 
     /// Start values: nodes on the line from the base to the last rest point.
     pub(crate) fn start(&mut self) {
+        self.factored = false;
+        self.factored_within = f64::INFINITY;
         self.nodes.truncate(1);
         let base = self.nodes[0];
         let chord = self
@@ -277,6 +208,7 @@ impl Equilibrium {
 
     /// Adds a spring at the tip: the last piece of the needle becomes a piece between nodes.
     pub(crate) fn push_spring(&mut self, spring: Spring) {
+        self.factored = false;
         self.factored_within = f64::INFINITY;
         let base = self.nodes[0];
         let last = self.nodes[self.springs.len()];
@@ -297,6 +229,7 @@ impl Equilibrium {
 
     /// Removes the last spring, if any.
     pub(crate) fn pop_spring(&mut self) -> Option<Spring> {
+        self.factored = false;
         self.factored_within = f64::INFINITY;
         let spring = self.springs.pop()?;
         self.tip_length += self.nodes.pop().map_or(0.0, |node| node.l);
@@ -307,7 +240,7 @@ impl Equilibrium {
     pub(crate) fn settle_tip(&mut self) {
         let input = self.tip_input();
         let d = self.nodes[self.springs.len()].d;
-        self.tip = TipPiece::new(&input, &d, self.tip_length, self.theta, self.tip.y);
+        self.tip.renew(&input, &d, self.tip_length, self.theta);
     }
 
     pub(crate) fn tip_input(&self) -> TipInput {
@@ -318,75 +251,6 @@ impl Equilibrium {
             z: base.d,
             y: base.e[1],
         }
-    }
-
-    /// One Newton step; returns its length \[m\].
-    fn iterate(&mut self) -> Result<f64, Singular> {
-        let mut border = self.linearize(false)?;
-        self.advance(&mut border)
-    }
-
-    /// Solves for the step and takes it; returns its length \[m\].
-    fn advance(&mut self, border: &mut Block<2, 1>) -> Result<f64, Singular> {
-        self.system.solve(&mut self.rhs, border);
-        let n = self.springs.len();
-        let mut turn = 0.0_f64;
-        for x in &self.rhs {
-            turn = turn.max(x[2][0].abs().max(x[3][0].abs()).max(x[4][0].abs()));
-        }
-        let mut scale = if turn > MAX_TURN {
-            MAX_TURN / turn
-        } else {
-            1.0
-        };
-        // Lengths first: they need the old nodes, and bound the step so that no piece folds.
-        let mut before = (Vector3::zeros(), Vector3::zeros());
-        let mut changes = [0.0_f64; 2];
-        for i in 1..=n {
-            let x: [f64; 5] = std::array::from_fn(|k| self.rhs[i - 1][k][0]);
-            let now = self.nodes[i].expand(&x);
-            let piece = &mut self.pieces[i - 1];
-            piece.slack += piece.l_by[0].dot(&(now.0 - before.0))
-                + piece.l_by[1].dot(&before.1)
-                + piece.l_by[2].dot(&now.1);
-            if piece.slack < -0.9 * self.nodes[i].l {
-                scale = scale.min(-0.5 * self.nodes[i].l / piece.slack);
-            }
-            changes[0] = changes[0].max(now.0.norm_squared());
-            changes[1] = changes[1].max(now.1.norm_squared());
-            before = now;
-        }
-        for i in 1..=n {
-            let x: [f64; 5] = std::array::from_fn(|k| self.rhs[i - 1][k][0] * scale);
-            let node = &mut self.nodes[i];
-            let (dp, dd) = node.expand(&x);
-            node.p = settled(&(node.p + dp));
-            node.d = settled(&(node.d + dd));
-            node.l += self.pieces[i - 1].slack * scale;
-        }
-        self.tip_length += border[0][0] * scale;
-        self.theta += border[1][0] * scale;
-        let z = self.nodes[0].d;
-        if n > 0 && self.nodes[n].d.dot(&z) < -0.9 * self.nodes[n].d.norm() {
-            return Err(Singular);
-        }
-        let (z, x) = (self.nodes[0].d, self.nodes[0].e[0]);
-        for (node, spring) in self.nodes[1..].iter_mut().zip(&self.springs) {
-            node.refresh(&z, &x, &spring.rest);
-        }
-        self.settle_tip();
-        let slope = changes[1].sqrt().max(border[1][0].abs());
-        let step = changes[0]
-            .sqrt()
-            .max(border[0][0].abs())
-            .max(slope * SLOPE_ARM);
-        self.factored_within = step;
-        Ok(step)
-    }
-
-    /// Whether the factored tangent is that of the present state, to rounding of its uses.
-    pub(crate) fn tangent_is_fresh(&self) -> bool {
-        self.factored_within <= Self::TOLERANCE
     }
 
     /// The needle.
@@ -487,11 +351,4 @@ impl Equilibrium {
             }
         }
     }
-}
-
-/// The vector with coordinates far below any length made 0: in a plane needle the rounding noise
-/// across the plane shrinks with every step, down to slow subnormal numbers.
-#[inline]
-fn settled(v: &Vector3<f64>) -> Vector3<f64> {
-    v.map(|x| if x.abs() < 1e-40 { 0.0 } else { x })
 }

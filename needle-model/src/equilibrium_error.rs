@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
-use crate::piece::TipLoad;
 use crate::spring::Spring;
+use crate::tip_piece::TipLoad;
 
 /// Why there is no equilibrium.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]

@@ -11,9 +11,9 @@ use thiserror::Error;
 use crate::equilibrium::Equilibrium;
 use crate::equilibrium_error::EquilibriumError;
 use crate::jacobian::TangentError;
-use crate::piece::TipLoad;
 use crate::sensitivity::{LOAD, STIFFNESS, Sensitivities};
 use crate::spring::Spring;
+use crate::tip_piece::TipLoad;
 
 /// Largest change of a logarithm in one step.
 const MAX_STEP: f64 = 1.0;

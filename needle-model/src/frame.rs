@@ -12,16 +12,11 @@ pub(crate) fn carry(z: &Vector3<f64>, t: &Vector3<f64>, v: &Vector3<f64>) -> Vec
     v - (z + t) * (t.dot(v) / (1.0 + z.dot(t)))
 }
 
-/// `y_tip` from the base axes and the tip axis, with the roll `theta`.
+/// `y_base` rolled by `theta` about the base axis: carried to the tip axis, it is `y_tip`.
 #[inline]
-pub(crate) fn tip_y(
-    z_base: &Vector3<f64>,
-    y_base: &Vector3<f64>,
-    t: &Vector3<f64>,
-    theta: f64,
-) -> Vector3<f64> {
+pub(crate) fn rolled(z_base: &Vector3<f64>, y_base: &Vector3<f64>, theta: f64) -> Vector3<f64> {
     let (sin, cos) = theta.sin_cos();
-    carry(z_base, t, &(y_base * cos + z_base.cross(y_base) * sin))
+    y_base * cos + z_base.cross(y_base) * sin
 }
 
 /// Row r with (rotation about t of the tip frame) = r . dt for a change dt of t, z and theta fixed.
@@ -92,7 +87,7 @@ mod tests {
         }
         assert!(theta.abs() > 0.01, "the curve should roll: {theta}");
         // Small rotations converge with 1/n^2 = 2.5e-11; rounding adds up to 1e-11.
-        let gap = (tip_y(&z, &y, &t, theta) - frame).norm();
+        let gap = (carry(&z, &t, &rolled(&z, &y, theta)) - frame).norm();
         assert!(gap < 1e-9, "{gap:e}");
     }
 
@@ -112,10 +107,11 @@ mod tests {
             assert!((diff(at(z + e, d, v), at(z - e, d, v)) - by_z[k]).abs() < 1e-9);
         }
         let t = d.normalize();
-        let y = tip_y(&z, &Vector3::y(), &t, 0.3);
+        let turned = rolled(&z, &Vector3::y(), 0.3);
+        let y = carry(&z, &t, &turned);
         let q = tip_y_by_axis(&z, &t, &y);
         for step in [t.cross(&y), y] {
-            let at = |s: f64| tip_y(&z, &Vector3::y(), &(t + step * s).normalize(), 0.3);
+            let at = |s: f64| carry(&z, &(t + step * s).normalize(), &turned);
             let difference = (at(h) - at(-h)) / (2.0 * h);
             assert!((difference - q * step).norm() < 1e-9);
         }

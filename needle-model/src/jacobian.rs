@@ -10,7 +10,7 @@ use thiserror::Error;
 use crate::block::Block;
 use crate::equilibrium::Equilibrium;
 use crate::frame::spin_row;
-use crate::piece::TipLoad;
+use crate::tip_piece::TipLoad;
 
 /// The tangent is singular: the needle is at a limit point and has no derivative there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -74,6 +74,7 @@ impl Equilibrium {
         if self.tangent_is_fresh() {
             return Ok(());
         }
+        self.settle(false);
         self.linearize(false).map(|_| ()).map_err(|_| TangentError)
     }
 

@@ -22,6 +22,8 @@ mod frame;
 
 mod piece;
 
+mod tip_piece;
+
 mod block;
 
 mod equilibrium_error;
@@ -29,6 +31,8 @@ mod equilibrium_error;
 mod assembly;
 
 mod equilibrium;
+
+mod newton;
 
 mod balance;
 
@@ -67,11 +71,11 @@ pub use kinematic::{
 };
 pub use measures::mean_tissue_displacement;
 pub use needle::{Needle, NeedleError, second_moment_of_area};
-pub use piece::TipLoad;
 pub use predictive::{Authority, PathLaw, Prediction, PredictionError, Rollout, prediction_frame};
 pub use segment::{Segment, curvature_gap, derivative_gap, position_gap};
 pub use sensitivity::{
     Gradient, LOAD, PARAMETERS, STIFFNESS, Sensitivities, TwistRates, VectorRates,
 };
 pub use spring::{Spring, spring_force, spring_stiffness, supported_lengths};
+pub use tip_piece::TipLoad;
 pub use tissue::{Layer, Tissue, TissueError};

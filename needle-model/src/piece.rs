@@ -4,10 +4,9 @@
 //! l between nodes a and b stores the energy EI/2 int |S''|^2; its length is the root of
 //! "arc length = l", eliminated here, so each gradient below counts the length's own change.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::block::WIDE;
-use crate::frame::{roll_rate, tip_y, tip_y_by_axis};
 use crate::segment::{GAUSS_3, GAUSS_7};
 
 /// A Hermite node and what its spring's plane makes of it.
@@ -87,8 +86,9 @@ pub(crate) struct Piece {
     pub alpha: f64,
     pub beta: f64,
     pub gamma: f64,
-    /// Newton correction of the length with the nodes held.
+    /// Newton correction of the length with the nodes held, and the inverse slope behind it.
     pub slack: f64,
+    pub l_by_excess: f64,
     /// Gradients of the length by p_b - p_a, d_a, d_b.
     pub l_by: [Vector3<f64>; 3],
     /// Roll and its gradients (length eliminated), its derivative by the length, by the base axis.
@@ -98,11 +98,136 @@ pub(crate) struct Piece {
     pub roll_z: Vector3<f64>,
 }
 
+/// A quadrature point: weight; derivatives of the Hermite shape by the three vectors that span the
+/// piece (chord, start, end); their products, which are all that arc length and roll need.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    w: f64,
+    /// dS = h0 chord + h1 start + h2 end.
+    h: [f64; 3],
+    /// h_j h_k for (j, k) in `PAIRS`.
+    hh: [f64; 6],
+    /// h_j s_k - h_k s_j for the last three of `PAIRS`, with s the second derivatives.
+    hs: [f64; 3],
+}
+
+/// Places of a symmetric 3x3 matrix, diagonal first.
+const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
+
+const fn points<const N: usize>(rule: &[(f64, f64); N]) -> [Point; N] {
+    let mut points = [Point {
+        w: 0.0,
+        h: [0.0; 3],
+        hh: [0.0; 6],
+        hs: [0.0; 3],
+    }; N];
+    let mut i = 0;
+    while i < N {
+        let (u, w) = rule[i];
+        let h = [
+            6.0 * u * (1.0 - u),
+            1.0 + u * (3.0 * u - 4.0),
+            u * (3.0 * u - 2.0),
+        ];
+        let s = [6.0 - 12.0 * u, 6.0 * u - 4.0, 6.0 * u - 2.0];
+        let mut p = 0;
+        while p < 6 {
+            let (j, k) = PAIRS[p];
+            points[i].hh[p] = h[j] * h[k];
+            if p >= 3 {
+                points[i].hs[p - 3] = h[j] * s[k] - h[k] * s[j];
+            }
+            p += 1;
+        }
+        (points[i].w, points[i].h) = (w, h);
+        i += 1;
+    }
+    points
+}
+
+static SHORT: [Point; 3] = points(&GAUSS_3);
+static LONG: [Point; 7] = points(&GAUSS_7);
+
+/// Inner products that length and roll of a piece follow from.
+struct Products {
+    /// Of the spanning vectors, off the diagonal twice: |dS|^2 = gram . hh.
+    gram: [f64; 6],
+    /// With z: z . dS = along . h.
+    along: [f64; 3],
+    /// z . (q_j x q_k): z . (dS x ddS) = triple . hs.
+    triple: [f64; 3],
+}
+
+impl Products {
+    #[inline]
+    fn new(z: &Vector3<f64>, q: &[Vector3<f64>; 3]) -> Self {
+        let (z0, z1) = (z.cross(&q[0]), z.cross(&q[1]));
+        Self {
+            gram: [
+                q[0].norm_squared(),
+                q[1].norm_squared(),
+                q[2].norm_squared(),
+                2.0 * q[0].dot(&q[1]),
+                2.0 * q[0].dot(&q[2]),
+                2.0 * q[1].dot(&q[2]),
+            ],
+            along: [z.dot(&q[0]), z.dot(&q[1]), z.dot(&q[2])],
+            triple: [z0.dot(&q[1]), z0.dot(&q[2]), z1.dot(&q[2])],
+        }
+    }
+
+    /// (|dS|, z . dS, z . (dS x ddS)) at a point.
+    #[inline]
+    fn at(&self, point: &Point) -> (f64, f64, f64) {
+        let g = &self.gram;
+        let hh = &point.hh;
+        let square = (g[0] * hh[0] + g[1] * hh[1] + g[2] * hh[2])
+            + (g[3] * hh[3] + g[4] * hh[4] + g[5] * hh[5]);
+        let dot = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        (
+            square.sqrt(),
+            dot(&self.along, &point.h),
+            dot(&self.triple, &point.hs),
+        )
+    }
+}
+
 impl Piece {
     /// The piece between the nodes, in place; `long` pieces take more quadrature points.
     pub(crate) fn set(&mut self, stiffness: f64, a: &Node, b: &Node, z: &Vector3<f64>, long: bool) {
-        let rule: &[(f64, f64)] = if long { &GAUSS_7 } else { &GAUSS_3 };
+        let rule: &[Point] = if long { &LONG } else { &SHORT };
         self.with_rule(stiffness, a, b, z, rule);
+    }
+
+    /// Forces, slack and roll of the piece between the nodes, in place; the gradients stay those of
+    /// nodes near these.
+    #[inline]
+    pub(crate) fn renew(
+        &mut self,
+        stiffness: f64,
+        a: &Node,
+        b: &Node,
+        z: &Vector3<f64>,
+        long: bool,
+    ) {
+        let rule: &[Point] = if long { &LONG } else { &SHORT };
+        let inverse = 1.0 / b.l;
+        let delta = b.p - a.p;
+        let (sum, turn) = (a.d + b.d, b.d - a.d);
+        let bow = (delta - sum * (0.5 * b.l)) * (6.0 * stiffness * inverse * inverse);
+        let tilt = turn * (stiffness * inverse);
+        let products = Products::new(z, &[delta * inverse, a.d, b.d]);
+        let (mut excess, mut roll) = (-1.0, 0.0);
+        for point in rule {
+            let (norm, along, triple) = products.at(point);
+            excess += point.w * norm;
+            roll += point.w * triple / (norm * (norm + along));
+        }
+        self.shear = bow * (2.0 * inverse);
+        self.start = -tilt - bow;
+        self.end = tilt - bow;
+        self.slack = excess * self.l_by_excess;
+        self.roll = roll;
     }
 
     /// Makes the length independent of the nodes.
@@ -117,43 +242,60 @@ impl Piece {
 
     // Not inlined, like the blocks' products: a Newton step should stay in the instruction cache.
     #[inline(never)]
-    fn with_rule(
-        &mut self,
-        stiffness: f64,
-        a: &Node,
-        b: &Node,
-        z: &Vector3<f64>,
-        rule: &[(f64, f64)],
-    ) {
+    fn with_rule(&mut self, stiffness: f64, a: &Node, b: &Node, z: &Vector3<f64>, rule: &[Point]) {
         let (l, inverse) = (b.l, 1.0 / b.l);
         let delta = b.p - a.p;
         let (sum, turn) = (a.d + b.d, b.d - a.d);
         let bow = delta - sum * (0.5 * l);
         let chord = delta * inverse;
+        let q = [chord, a.d, b.d];
+        let products = Products::new(z, &q);
 
-        let mut excess = -1.0;
-        let mut by = [Vector3::zeros(); 3];
-        let mut roll = 0.0;
-        let (mut roll_by, mut roll_z) = ([Vector3::zeros(); 3], Vector3::zeros());
-        for &(u, w) in rule {
-            let hill = 6.0 * u * (1.0 - u);
-            let (ha, hb) = (1.0 + u * (3.0 * u - 4.0), u * (3.0 * u - 2.0));
-            let d = chord * hill + a.d * ha + b.d * hb;
-            let norm = d.norm();
-            excess += w * norm;
-            let t = d * (w / norm);
-            by[0] += t * hill;
-            by[1] += t * ha;
-            by[2] += t * hb;
-            let (slope, va, vb) = (6.0 - 12.0 * u, 6.0 * u - 4.0, 6.0 * u - 2.0);
-            let v = chord * slope + a.d * va + b.d * vb;
-            let (f, f_d, f_v, f_z) = roll_rate(z, &d, &v);
-            roll += w * f;
-            roll_by[0] += (f_d * hill + f_v * slope) * w;
-            roll_by[1] += (f_d * ha + f_v * va) * w;
-            roll_by[2] += (f_d * hb + f_v * vb) * w;
-            roll_z += f_z * w;
+        // Sums over the points: `length` |dS| by hh, then the parts of roll's gradients.
+        let (mut excess, mut roll) = (-1.0, 0.0);
+        let (mut length, mut bend) = ([0.0; 6], [0.0; 6]);
+        let (mut twist, mut lean) = ([0.0; 3], [0.0; 3]);
+        for point in rule {
+            let (norm, along, triple) = products.at(point);
+            excess += point.w * norm;
+            let by_norm = 1.0 / norm;
+            let weight = point.w * by_norm / (norm + along);
+            let value = triple * weight;
+            roll += value;
+            let again = value * by_norm / (norm + along);
+            let (stretch, bending, leaning) = (
+                point.w * by_norm,
+                again * (2.0 + along * by_norm),
+                again * norm,
+            );
+            for p in 0..6 {
+                length[p] += stretch * point.hh[p];
+                bend[p] += bending * point.hh[p];
+            }
+            for p in 0..3 {
+                twist[p] += weight * point.hs[p];
+                lean[p] += leaning * point.h[p];
+            }
         }
+        let symmetric = |m: &[f64; 6]| {
+            [
+                q[0] * m[0] + q[1] * m[3] + q[2] * m[4],
+                q[0] * m[3] + q[1] * m[1] + q[2] * m[5],
+                q[0] * m[4] + q[1] * m[5] + q[2] * m[2],
+            ]
+        };
+        let mut by = symmetric(&length);
+        let turned = q.map(|q| z.cross(&q));
+        let bent = symmetric(&bend);
+        let mut roll_by = [
+            turned[1] * -twist[0] - turned[2] * twist[1] - bent[0] - z * lean[0],
+            turned[0] * twist[0] - turned[2] * twist[2] - bent[1] - z * lean[1],
+            turned[0] * twist[1] + turned[1] * twist[2] - bent[2] - z * lean[2],
+        ];
+        // q0 x (twist0 q1 + twist1 q2) + twist2 q1 x q2.
+        let roll_z = q[0].cross(&(q[1] * twist[0] + q[2] * twist[1]))
+            + q[1].cross(&(q[2] * twist[2]))
+            - (q[0] * lean[0] + q[1] * lean[1] + q[2] * lean[2]);
         by[0] *= inverse;
         roll_by[0] *= inverse;
         // excess(l, nodes) = 0; d excess / dl = -by_delta . delta / l.
@@ -177,193 +319,12 @@ impl Piece {
             beta: 6.0 * stiffness * i2,
             gamma: 4.0 * stiffness * inverse,
             slack: -excess / by_l,
+            l_by_excess: -1.0 / by_l,
             l_by,
             roll,
             roll_by,
             roll_l,
             roll_z,
         };
-    }
-}
-
-/// Load at O: a force along `y_tip` and the end curvature times E I along `y_tip`.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct TipLoad {
-    /// Force on the needle along `y_tip` \[N\].
-    pub force: f64,
-    /// E I S''(L) along `y_tip` \[N m\].
-    pub bending: f64,
-}
-
-impl From<crate::bevel::BevelLoad> for TipLoad {
-    /// In the paper's signs: the force acts along +`y_tip` (eq. 8), the moment as
-    /// E I S'' = -M `y_tip` (eq. 11).
-    fn from(load: crate::bevel::BevelLoad) -> Self {
-        Self {
-            force: load.force,
-            bending: -load.moment,
-        }
-    }
-}
-
-impl std::ops::Mul<f64> for TipLoad {
-    type Output = Self;
-
-    fn mul(self, scale: f64) -> Self {
-        Self {
-            force: self.force * scale,
-            bending: self.bending * scale,
-        }
-    }
-}
-
-/// The tip's piece: from the last node to the free end O, known from that node and the load,
-/// S(l) = p + d l + y (A l^2 / 2 + B l^3 / 6), so it needs no node of its own.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct TipPiece {
-    /// `y_tip` and the unit tip axis.
-    pub y: Vector3<f64>,
-    pub t: Vector3<f64>,
-    /// |S'| at O.
-    pub norm: f64,
-    /// E I S'' at the last node along `y_tip`: bending + l force.
-    pub moment: f64,
-    /// S'(l) = d + `turn` y and S(l) = p + d l + `lift` y; derivatives by l.
-    pub turn: f64,
-    pub turn_l: f64,
-    pub lift: f64,
-    pub lift_l: f64,
-    /// Inverse of (1 - turn dy/dS'): the load turns with the tip it bends.
-    pub follow: Matrix3<f64>,
-    /// dy/dt over |S'|.
-    pub y_by_axis: Matrix3<f64>,
-    /// Gradients of `y_tip` by d, l and theta.
-    pub y_d: Matrix3<f64>,
-    pub y_l: Vector3<f64>,
-    pub y_theta: Vector3<f64>,
-    /// Arc length, its gradients by d and y, its derivative by l.
-    pub arc: f64,
-    pub arc_d: Vector3<f64>,
-    pub arc_y: Vector3<f64>,
-    pub arc_l: f64,
-    pub roll: f64,
-    pub roll_d: Vector3<f64>,
-    pub roll_y: Vector3<f64>,
-    pub roll_l: f64,
-    pub roll_z: Vector3<f64>,
-    /// Derivatives of arc length and roll by force and bending, y fixed.
-    pub arc_load: [f64; 2],
-    pub roll_load: [f64; 2],
-}
-
-/// Base axes and load, as the tip's piece needs them.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct TipInput {
-    pub stiffness: f64,
-    pub load: TipLoad,
-    pub z: Vector3<f64>,
-    pub y: Vector3<f64>,
-}
-
-impl TipPiece {
-    /// The piece of length `l` after a node of derivative `d`, with roll `theta`; `y` is the start
-    /// value for `y_tip`.
-    pub(crate) fn new(
-        input: &TipInput,
-        d: &Vector3<f64>,
-        l: f64,
-        theta: f64,
-        y: Vector3<f64>,
-    ) -> Self {
-        let TipInput {
-            stiffness,
-            load,
-            z,
-            y: y_base,
-        } = *input;
-        let moment = load.bending + l * load.force;
-        let turn = (load.bending * l + load.force * l * l / 2.0) / stiffness;
-        let turn_l = moment / stiffness;
-        let lift = (load.bending * l * l / 2.0 + load.force * l * l * l / 3.0) / stiffness;
-
-        // y_tip depends on the tip axis, which depends on y_tip through the load: Newton.
-        let mut y = y;
-        let (mut t, mut norm, mut y_by_axis, mut follow);
-        let mut round = 0;
-        loop {
-            let end = d + y * turn;
-            norm = end.norm();
-            t = end / norm;
-            let carried = tip_y(&z, &y_base, &t, theta);
-            y_by_axis = tip_y_by_axis(&z, &t, &carried) / norm;
-            follow = (Matrix3::identity() - y_by_axis * turn)
-                .try_inverse()
-                .unwrap_or_else(Matrix3::identity);
-            let step = follow * (carried - y);
-            y += step;
-            round += 1;
-            if step.norm_squared() < 1e-28 || round == 20 {
-                break;
-            }
-        }
-        let y_theta = follow * t.cross(&y);
-
-        let (mut arc, mut arc_d, mut arc_y, mut arc_l) =
-            (0.0, Vector3::zeros(), Vector3::zeros(), 0.0);
-        let (mut roll, mut roll_d, mut roll_y, mut roll_l) =
-            (0.0, Vector3::zeros(), Vector3::zeros(), 0.0);
-        let (mut arc_load, mut roll_load, mut roll_z) = ([0.0; 2], [0.0; 2], Vector3::zeros());
-        for (u, w) in GAUSS_7 {
-            // S' = d + k y and dS'/du = k_u y, with u = (coordinate) / l.
-            let k = (moment * l * u - load.force * l * l * u * u / 2.0) / stiffness;
-            let k_l =
-                ((load.bending + 2.0 * load.force * l) * u - load.force * l * u * u) / stiffness;
-            let k_u = (moment * l - load.force * l * l * u) / stiffness;
-            let k_ul = (load.bending + 2.0 * load.force * l - 2.0 * load.force * l * u) / stiffness;
-            let tangent = d + y * k;
-            let size = tangent.norm();
-            let unit = tangent / size;
-            arc += w * l * size;
-            arc_d += unit * (w * l);
-            arc_y += unit * (w * l * k);
-            arc_l += w * (size + l * unit.dot(&y) * k_l);
-            let (f, f_d, f_v, f_z) = roll_rate(&z, &tangent, &(y * k_u));
-            roll += w * f;
-            roll_d += f_d * w;
-            roll_y += (f_d * k + f_v * k_u) * w;
-            roll_l += w * (f_d.dot(&y) * k_l + f_v.dot(&y) * k_ul);
-            let by_force = (l * l * (u - u * u / 2.0), l * l * (1.0 - u));
-            for (m, (by_k, by_k_u)) in [by_force, (l * u, l)].into_iter().enumerate() {
-                arc_load[m] += w * l * unit.dot(&y) * by_k / stiffness;
-                roll_load[m] += w * (f_d.dot(&y) * by_k + f_v.dot(&y) * by_k_u) / stiffness;
-            }
-            roll_z += f_z * w;
-        }
-        Self {
-            y,
-            t,
-            norm,
-            moment,
-            turn,
-            turn_l,
-            lift,
-            lift_l: (load.bending * l + load.force * l * l) / stiffness,
-            follow,
-            y_by_axis,
-            y_d: follow * y_by_axis,
-            y_l: follow * (y_by_axis * y) * turn_l,
-            y_theta,
-            arc,
-            arc_d,
-            arc_y,
-            arc_l,
-            roll,
-            roll_d,
-            roll_y,
-            roll_l,
-            roll_z,
-            arc_load,
-            roll_load,
-        }
     }
 }

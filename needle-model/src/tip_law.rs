@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 use crate::bevel::{Bevel, cut_angle};
 use crate::equilibrium::Equilibrium;
 use crate::insertion::{InsertionSettings, RestPoint};
-use crate::piece::TipLoad;
 use crate::spring::{spring_stiffness, supported_lengths};
+use crate::tip_piece::TipLoad;
 use crate::tissue::Tissue;
 
 /// What the tissue does at a given state: stiffnesses and tip load.

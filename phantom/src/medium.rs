@@ -87,6 +87,8 @@ pub(crate) struct Contact {
     pub(crate) first: usize,
     /// Where the cutting edge is.
     pub(crate) edge: Foot,
+    /// Share of the full hold that uncut tissue has of it.
+    pub(crate) held: f64,
     /// Lateral force of the tissue on the tip \[N\].
     pub(crate) tip_force: Vector3<f64>,
 }
@@ -100,6 +102,8 @@ pub(crate) struct Medium<'a> {
     /// Forces that do not depend on the shape: friction, cutting \[N\].
     pub(crate) fixed: &'a [Vector3<f64>],
     pub(crate) edge_length: f64,
+    /// Whether the contacts keep their segments of the path.
+    pub(crate) keep_places: bool,
 }
 
 impl Load for Medium<'_> {
@@ -114,6 +118,10 @@ impl Load for Medium<'_> {
         self.add_shaft(path, nodes, force, stiffness);
         self.add_tip(path, nodes, force, stiffness);
     }
+
+    fn keep_places(&mut self, keep: bool) {
+        self.keep_places = keep;
+    }
 }
 
 impl Contact {
@@ -125,6 +133,17 @@ impl Contact {
             first: nodes,
             ..Self::default()
         }
+    }
+
+    /// Takes over the state of another contact of the same rod.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.feet.copy_from_slice(&other.feet);
+        self.displacement.copy_from_slice(&other.displacement);
+        self.weight.copy_from_slice(&other.weight);
+        self.first = other.first;
+        self.edge = other.edge;
+        self.held = other.held;
+        self.tip_force = other.tip_force;
     }
 
     pub(crate) fn clear(&mut self, nodes: usize) {
@@ -147,13 +166,19 @@ impl Medium<'_> {
         let half = 0.5 * self.edge_length;
         let contact = &mut *self.contact;
         let mut hint = contact.feet[last].segment;
-        contact.first = 1;
-        for i in (1..=last).rev() {
-            let foot = path.locate(&nodes[i], hint);
+        let first = if self.keep_places { contact.first } else { 1 };
+        contact.first = first;
+        for i in (first..=last).rev() {
+            let covered_to = if i == last { 0.0 } else { half };
+            let (foot, weight) = if self.keep_places {
+                let segment = contact.feet[i].segment;
+                (path.project(&nodes[i], segment), contact.weight[i])
+            } else {
+                let foot = path.locate(&nodes[i], hint);
+                (foot, (foot.arc + covered_to).min(half + covered_to))
+            };
             hint = foot.segment;
             contact.feet[i] = foot;
-            let covered_to = if i == last { 0.0 } else { half };
-            let weight = (foot.arc + covered_to).min(half + covered_to);
             if weight <= 0.0 {
                 // Further nodes lie outside: the shaft does not re-enter.
                 contact.first = i + 1;
@@ -201,11 +226,20 @@ impl Medium<'_> {
         let last = nodes.len() - 1;
         let lever = self.hold.reach / self.edge_length;
         let edge = nodes[last] + lever * (nodes[last] - nodes[last - 1]);
-        let foot = path.locate(&edge, self.contact.edge.segment);
+        let segment = self.contact.edge.segment;
+        let foot = if self.keep_places {
+            path.project(&edge, segment)
+        } else {
+            path.locate(&edge, segment)
+        };
         self.contact.edge = foot;
-        let behind = (path.length() - foot.arc).max(0.0);
-        let hold = self.hold.stiffness * (1.0 - behind / self.hold.fade).max(0.0);
-        if hold == 0.0 || foot.arc <= 0.0 {
+        if !self.keep_places {
+            let behind = (path.length() - foot.arc).max(0.0);
+            let faded = (1.0 - behind / self.hold.fade).max(0.0);
+            self.contact.held = if foot.arc > 0.0 { faded } else { 0.0 };
+        }
+        let hold = self.hold.stiffness * self.contact.held;
+        if hold == 0.0 {
             self.contact.tip_force = Vector3::zeros();
             return;
         }

@@ -1,6 +1,10 @@
 //! The cut path: the tissue's memory of where the cutting edge went.
 
+mod tear;
+
 use nalgebra::Vector3;
+
+pub(crate) use tear::{Rip, Tear};
 
 use crate::motion::Placement;
 
@@ -140,7 +144,10 @@ impl CutPath {
             let chord = self.points[i] - self.points[i - 1];
             let length = chord.norm();
             self.arcs[i] = self.arcs[i - 1] + length;
-            self.tangents[i - 1] = chord / length;
+            // Stations that fell together keep their direction.
+            if length > 1e-9 {
+                self.tangents[i - 1] = chord / length;
+            }
         }
     }
 
@@ -189,6 +196,28 @@ impl CutPath {
         }
     }
 
+    /// The place of the straight line through `segment` that is nearest to `point`.
+    pub(crate) fn project(&self, point: &Vector3<f64>, segment: usize) -> Foot {
+        let segment = segment.min(self.tangents.len() - 1);
+        let (start, tangent) = (self.points[segment], self.tangents[segment]);
+        let along = tangent.dot(&(point - start));
+        let length = self
+            .arcs
+            .get(segment + 1)
+            .map_or(0.0, |end| end - self.arcs[segment]);
+        Foot {
+            segment,
+            fraction: if length > 0.0 {
+                (along / length).clamp(0.0, 1.0)
+            } else {
+                0.0
+            },
+            arc: self.arcs[segment] + along,
+            point: start + along * tangent,
+            tangent,
+        }
+    }
+
     /// The tissue at `foot`.
     #[inline]
     pub(crate) fn bed(&self, foot: &Foot) -> Bed {
@@ -199,7 +228,7 @@ impl CutPath {
                 let length = self.arcs[foot.segment + 1] - self.arcs[foot.segment];
                 Bed {
                     stiffness: a.stiffness + foot.fraction * rise,
-                    slope: rise / length,
+                    slope: if length > 0.0 { rise / length } else { 0.0 },
                     crept: a.crept + foot.fraction * (b.crept - a.crept),
                 }
             }
@@ -209,37 +238,6 @@ impl CutPath {
                 crept: a.crept,
             },
         }
-    }
-
-    /// Lets the tissue creep by the fraction `creep` towards the present displacement and tear
-    /// where that is beyond `tear` \[m\]. `displacement(arc)` is the needle's, zero where there
-    /// is none. Returns the depth of the worst tear and how far it went \[m\].
-    pub(crate) fn age(
-        &mut self,
-        creep: f64,
-        tear: f64,
-        placement: &Placement,
-        mut displacement: impl FnMut(f64) -> Vector3<f64>,
-    ) -> Option<(f64, f64)> {
-        let mut worst: Option<(f64, f64)> = None;
-        for i in 0..self.stations.len() {
-            let u = displacement(self.arcs[i]);
-            let station = &mut self.stations[i];
-            station.crept += creep * (u - station.crept);
-            let size = u.norm();
-            if size > tear {
-                let shift = u * (1.0 - tear / size);
-                self.points[i] += shift;
-                station.rest = placement.material_of(&self.points[i]);
-                if worst.is_none_or(|(_, w)| w < size - tear) {
-                    worst = Some((self.arcs[i], size - tear));
-                }
-            }
-        }
-        if worst.is_some() {
-            self.measure();
-        }
-        worst
     }
 
     /// Whether `point` lies within `reach` \[m\] of the entry.

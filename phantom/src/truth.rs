@@ -30,10 +30,13 @@ pub enum Event {
         /// Whether an existing hole was found.
         reused: bool,
     },
-    /// The equilibrium was not found to full accuracy; the last Newton step \[m\] tells.
+    /// No equilibrium was found, not even in smaller steps: the shape is out of balance (the last
+    /// Newton step tells how far) and nothing was cut, relaxed or torn.
     Unconverged {
         /// Length of the last step \[m\].
         last_step_m: f64,
+        /// Whether the shape was broken, so that needle and base stayed where they were.
+        held: bool,
     },
     /// A pose or a time was not finite, ran backwards or jumped farther than can be simulated;
     /// it was ignored.

@@ -69,6 +69,19 @@ impl Twist {
         }
     }
 
+    /// Whether all angles are finite.
+    pub(crate) fn is_finite(&self) -> bool {
+        self.angles.iter().all(|angle| angle.is_finite())
+    }
+
+    /// Takes over the state of another twist of the same rod.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.angles.copy_from_slice(&other.angles);
+        self.directors.copy_from_slice(&other.directors);
+        self.tangents.copy_from_slice(&other.tangents);
+        self.bristles.copy_from_slice(&other.bristles);
+    }
+
     /// Twist angle at the tip \[rad\].
     pub(crate) fn tip_angle(&self) -> f64 {
         self.angles.last().copied().unwrap_or(0.0)

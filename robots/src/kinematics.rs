@@ -2,9 +2,12 @@
 
 mod chain;
 mod inverse;
+mod line;
 mod numeric;
 mod opw;
+mod parallel;
 mod rates;
+mod solver;
 mod turns;
 mod urdf;
 mod urdf_error;

@@ -4,12 +4,16 @@ use core::time::Duration;
 
 use super::axis::{Admissible, Axis, Bounds, Cause};
 use super::binding::Binding;
-use super::motion::{Limited, LimiterError, Motion};
+use super::blend::Plane;
+use super::motion::{Course, Limited, LimiterError, Motion};
 use crate::telemetry::Limit;
 use crate::{JointLimit, JointLimits, Joints, MAX_JOINTS};
 
 /// Share of the command by which it may be missed and count as obeyed: rounding.
 const ROUNDING: f64 = 1e-13;
+/// Share of rates and accelerations that may point away from a line along which an arm moves:
+/// rounding.
+const STRAY: f64 = 1e-9;
 /// Rounding allowed where the line of the command only just meets a limit, relative to rates.
 const SLACK: f64 = 1e-14;
 
@@ -82,7 +86,10 @@ impl Limiter {
     ///   stop before the end of every joint. An arm that keeps executing what it is told never
     ///   passes an end, whatever is wanted.
     /// * The result is a multiple of `wanted` whenever the limits admit one, which they do unless
-    ///   the arm moves in another direction already; see [`Limited::straight`].
+    ///   the arm moves in another direction already. On the way from one direction to another it
+    ///   is a linear combination of motion and command, so that no third direction comes in;
+    ///   only where a joint's end forbids that too, every joint goes for itself. See
+    ///   [`Limited::course`].
     /// * An arm that stands outside its range is let back in, never further out.
     /// * Positions or rates that are not finite, or not one a joint, bring the arm to rest. A
     ///   period beyond the holding time counts as that.
@@ -105,7 +112,76 @@ impl Limiter {
                 Some(Self::axis(i, motion).admissible(&self.bounds(i, positions), dt, self.hold));
         }
         self.along_line(positions, motion, wanted, dt, &ranges)
+            .or_else(|| self.blended(motion, &self.attainable(wanted), dt, &ranges))
+            .or_else(|| {
+                let rest = (wanted.zeroed(), nearest_end(&ranges));
+                self.blended(motion, &rest, dt, &ranges)
+            })
             .unwrap_or_else(|| self.joint_by_joint(motion, wanted, dt, &ranges))
+    }
+
+    /// `wanted`, slowed to what every joint can do, and the limit that slows it.
+    fn attainable(&self, wanted: &Joints) -> (Joints, Option<Limit>) {
+        let (mut scale, mut slowed) = (1.0, None);
+        for (i, (limit, x)) in (0_u8..).zip(self.limits.iter().zip(wanted.iter())) {
+            let share = limit.velocity / x.abs();
+            if share < scale {
+                (scale, slowed) = (share, Some(Limit::JointVelocity(i)));
+            }
+        }
+        (wanted.map(|x| x * scale), slowed)
+    }
+
+    /// Towards a target ([`Limiter::attainable`]) in the plane of what the arm does and what it shall do, if the joints'
+    /// limits admit a point of it.
+    fn blended(
+        &self,
+        motion: &Motion,
+        (target, slowed): &(Joints, Option<Limit>),
+        dt: f64,
+        ranges: &[Option<Admissible>; MAX_JOINTS],
+    ) -> Option<Limited> {
+        let change = target.zip(&motion.rates, |to, from| to - from);
+        let axis = Axis {
+            velocity: 0.0,
+            acceleration: 0.0,
+        };
+        // The joint that limits the jerk along the change.
+        let (slowest, jerk) = (0_u8..)
+            .zip(self.limits.iter().zip(change.iter()))
+            .map(|(i, (limit, x))| (i, limit.jerk / x.abs()))
+            .min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let plane = Plane::new(&change, &motion.accelerations, axis.towards(1.0, jerk, dt));
+        let chosen = plane.closest(ranges.iter().flatten())?;
+        let mut rates = motion.rates;
+        for (i, range) in ranges.iter().flatten().enumerate() {
+            rates[i] += chosen.accelerations[i].clamp(range.low, range.high) * dt;
+        }
+        let missed = rates.zip(target, |x, target| x - target).max_abs();
+        if missed <= ROUNDING * (1.0 + target.max_abs()) {
+            return Some(Limited {
+                rates: *target,
+                limits: slowed.iter().copied().collect(),
+                course: Course::Straight,
+            });
+        }
+        let mut limits = Vec::new();
+        for (joint, (i, range)) in (0_u8..).zip(ranges.iter().flatten().enumerate()) {
+            let binding = Binding::all(joint);
+            if chosen.held.contains(&(i, true)) {
+                limits.push(binding.limit(range.high_cause, true));
+            } else if chosen.held.contains(&(i, false)) {
+                limits.push(binding.limit(range.low_cause, false));
+            }
+        }
+        if limits.is_empty() {
+            limits.push(Limit::JointJerk(slowest));
+        }
+        Some(Limited {
+            rates,
+            limits,
+            course: Course::Blended,
+        })
     }
 
     /// The way to rest when nothing else is known.
@@ -136,8 +212,8 @@ impl Limiter {
         }
     }
 
-    /// All joints together along the line of the command (of the motion, to stop), if the
-    /// joints' own limits admit a point of it.
+    /// All joints together along the line of the command (of the motion, to stop), if that is
+    /// where the arm moves or it stands, and if the joints' own limits admit a point of it.
     fn along_line(
         &self,
         positions: &Joints,
@@ -151,7 +227,7 @@ impl Limiter {
             return Some(Limited {
                 rates: wanted.zeroed(),
                 limits: Vec::new(),
-                straight: true,
+                course: Course::Straight,
             });
         }
         let (line, target) = if stopping {
@@ -168,6 +244,13 @@ impl Limiter {
             velocity: along(&motion.rates) / squared,
             acceleration: along(&motion.accelerations) / squared,
         };
+        let off = |x: &Joints, share: f64| x.zip(line, |x, l| x - share * l).max_abs();
+        let astray =
+            off(&motion.rates, axis.velocity) + off(&motion.accelerations, axis.acceleration) * dt;
+        let fast = motion.rates.max_abs() + motion.accelerations.max_abs() * dt;
+        if astray > STRAY * fast + ROUNDING {
+            return None;
+        }
         let (bounds, joint_of) = self.bounds_along(line, positions);
         let range = axis.admissible(&bounds, dt, self.hold);
         let ideal = axis.towards(target, bounds.jerk, dt);
@@ -213,7 +296,7 @@ impl Limiter {
         Some(Limited {
             rates: line.map(|x| x * factor),
             limits,
-            straight: true,
+            course: Course::Straight,
         })
     }
 
@@ -272,13 +355,9 @@ impl Limiter {
         dt: f64,
         ranges: &[Option<Admissible>; MAX_JOINTS],
     ) -> Limited {
-        let scale = self
-            .limits
-            .iter()
-            .zip(wanted.iter())
-            .fold(1.0_f64, |s, (limit, x)| s.min(limit.velocity / x.abs()));
+        let (target, _) = self.attainable(wanted);
         let duration = |i: usize| {
-            let (limit, change) = (&self.limits[i], (wanted[i] * scale - motion.rates[i]).abs());
+            let (limit, change) = (&self.limits[i], (target[i] - motion.rates[i]).abs());
             let ramp = limit.acceleration / limit.jerk;
             if change > limit.acceleration * ramp {
                 change / limit.acceleration + ramp
@@ -296,7 +375,7 @@ impl Limiter {
             let axis = Self::axis(joint, motion);
             let most = limit.acceleration * slowness;
             let ideal = axis
-                .towards(wanted[joint] * scale, limit.jerk * slowness * slowness, dt)
+                .towards(target[joint], limit.jerk * slowness * slowness, dt)
                 .clamp(-most, most);
             rates[joint] += ideal.clamp(range.low, range.high) * dt;
             if ideal > range.high {
@@ -310,7 +389,23 @@ impl Limiter {
         Limited {
             rates,
             limits,
-            straight: false,
+            course: Course::Apart,
         }
     }
+}
+
+/// The limit for which an arm brakes: that of a joint close to its end, or else of any.
+fn nearest_end(ranges: &[Option<Admissible>; MAX_JOINTS]) -> Option<Limit> {
+    let bounds = (0_u8..)
+        .zip(ranges.iter().flatten())
+        .flat_map(|(joint, range)| {
+            let binding = Binding::all(joint);
+            [
+                binding.limit(range.high_cause, true),
+                binding.limit(range.low_cause, false),
+            ]
+        });
+    let is_end = |limit: &Limit| matches!(limit, Limit::JointPosition(_));
+    let mut rest = bounds.clone();
+    bounds.into_iter().find(is_end).or_else(|| rest.next())
 }

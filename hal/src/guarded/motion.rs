@@ -12,10 +12,22 @@ pub struct Limited {
     pub rates: Joints,
     /// Limits that made them differ from those wanted, in no order.
     pub limits: Vec<Limit>,
-    /// Whether `rates` are a multiple of those wanted (to stop: of those executed); from 0 to 1
-    /// times, unless the arm came along the same line faster or backwards. False only while the
-    /// arm leaves another direction of motion.
-    pub straight: bool,
+    /// How `rates` relate to those wanted.
+    pub course: Course,
+}
+
+/// How limited rates relate to those wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Course {
+    /// A multiple of those wanted (to stop: of those executed); from 0 to 1 times, unless the arm
+    /// came along the same line, faster, backwards or speeding up.
+    Straight,
+    /// A linear combination of those wanted and of the motion's rates and accelerations: the arm
+    /// leaves another direction of motion. A linear condition that motion and command keep, such
+    /// as no motion of the tool across the needle, is kept.
+    Blended,
+    /// Every joint goes for itself: one of them has to brake before its end more than that.
+    Apart,
 }
 
 /// What an arm was last told to do: rates \[rad/s\] and their change \[rad/s2\].

@@ -15,6 +15,7 @@ mod tests;
 use nalgebra::{Matrix3, Vector3};
 
 use band::Band;
+pub(crate) use solve::Solution;
 
 /// Elasticity of a shaft of constant section.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,11 +41,17 @@ impl Section {
     }
 }
 
+/// Beyond this strain a shape is an artefact: steel yields at a tenth of it.
+const LARGEST_STRAIN: f64 = 0.02;
+
 /// Forces on the nodes and their stiffness, as functions of the nodes' positions.
 pub(crate) trait Load {
     /// Adds the force on every node to `force`, and minus its derivative to `stiffness`
     /// (whose block i belongs to node i + 1: node 0 is clamped).
     fn add(&mut self, nodes: &[Vector3<f64>], force: &mut [Vector3<f64>], stiffness: &mut Band);
+
+    /// Whether contacts keep the places they have, instead of being searched for every shape.
+    fn keep_places(&mut self, _keep: bool) {}
 }
 
 /// A clamped rod and the memory its equilibria need.
@@ -65,6 +72,7 @@ pub(crate) struct Rod {
     gradient: Vec<Vector3<f64>>,
     step: Vec<Vector3<f64>>,
     trial: Vec<Vector3<f64>>,
+    start: Vec<Vector3<f64>>,
     bending_band: Band,
     band: Band,
 }
@@ -91,6 +99,7 @@ impl Rod {
             gradient: vec![Vector3::zeros(); edges + 1],
             step: vec![Vector3::zeros(); edges],
             trial: nodes.clone(),
+            start: nodes.clone(),
             bending_band: bending_band(section.bending / edge.powi(3), edges),
             band: Band::zeros(edges),
             nodes,
@@ -100,6 +109,14 @@ impl Rod {
     /// Number of edges.
     pub(crate) fn edges(&self) -> usize {
         self.nodes.len() - 1
+    }
+
+    /// Whether all nodes are finite and no edge is stretched beyond what steel bears.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.nodes.windows(2).all(|pair| {
+            let strain = (pair[1] - pair[0]).norm() / self.edge - 1.0;
+            strain.abs() < LARGEST_STRAIN
+        })
     }
 
     /// Direction of edge `i`.

@@ -3,7 +3,7 @@
 use hal::{JointLimit, Joints, MAX_JOINTS};
 use nalgebra::{Isometry3, Matrix3, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector3};
 
-use super::opw::Opw;
+use super::solver::Solver;
 use super::urdf;
 use super::urdf_error::UrdfError;
 
@@ -26,7 +26,7 @@ pub struct Chain {
     joints: [Rigid; MAX_JOINTS],
     /// From the last joint's frame to the tip.
     last: Rigid,
-    opw: Option<Opw>,
+    solver: Solver,
 }
 
 /// Rotation matrix and translation.
@@ -46,6 +46,14 @@ impl Rigid {
         Self {
             rotation: self.rotation * next.rotation,
             translation: self.rotation * next.translation + self.translation,
+        }
+    }
+
+    pub(super) fn inverse(&self) -> Self {
+        let rotation = self.rotation.transpose();
+        Self {
+            rotation,
+            translation: -(rotation * self.translation),
         }
     }
 
@@ -107,7 +115,7 @@ impl Chain {
             limits: Vec::with_capacity(revolute.len()),
             joints: [Rigid::IDENTITY; MAX_JOINTS],
             last: after_last,
-            opw: None,
+            solver: Solver::Numerical,
         };
         let mut turned_back = Matrix3::identity();
         for (slot, joint) in chain.joints.iter_mut().zip(revolute) {
@@ -122,7 +130,7 @@ impl Chain {
         }
         chain.last.rotation = turned_back * chain.last.rotation;
         chain.last.translation = turned_back * chain.last.translation;
-        chain.opw = Opw::detect(&chain);
+        chain.solver = Solver::choose(&chain);
         chain
     }
 
@@ -206,9 +214,9 @@ impl Chain {
         self.forward_jacobian(q).1
     }
 
-    /// The analytic solver, if the geometry has one.
-    pub(super) fn analytic(&self) -> Option<&Opw> {
-        self.opw.as_ref()
+    /// How inverse kinematics is solved.
+    pub(super) fn solver(&self) -> &Solver {
+        &self.solver
     }
 
     /// Frame of every joint (z is its axis) and of the tip, in the base.

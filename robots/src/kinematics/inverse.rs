@@ -6,8 +6,7 @@ use hal::{JointLimit, Joints};
 use nalgebra::Isometry3;
 
 use super::chain::Chain;
-use super::numeric;
-use super::opw::{Opw, OpwParameters};
+use super::opw::OpwParameters;
 
 /// Which full turns of the joints count as solutions of their own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,12 +26,19 @@ const SAME: f64 = 1e-9;
 impl Chain {
     /// All joint positions within the limits that put the tip at `base_from_tip`.
     ///
-    /// An arm of the ortho-parallel class ([`Chain::opw`]) is solved analytically: every branch,
-    /// exact to rounding, also close to singularities; where a singularity leaves a joint free,
-    /// one representative of the branch. Other arms are solved by damped Newton iterations from
-    /// many starting points spread over the joint ranges: every solution returned is exact to
-    /// rounding, but in rare cases one is missed. For seven joints that is a sample of
-    /// infinitely many solutions.
+    /// Two families of arms are solved analytically: those with an orthogonal base and a spherical
+    /// wrist ([`Chain::opw`]), and those with three parallel axes in the middle whose last two
+    /// axes meet at a right angle (the Universal Robots). Every branch is returned, exact to
+    /// rounding, also close to singularities; where a singularity leaves a joint free, one
+    /// representative of the branch.
+    ///
+    /// Other arms are solved by damped Newton iterations from starting points spread over the
+    /// joint ranges, until every solution met has been met several times; arms close to one of
+    /// the families (calibrated ones) also from its solutions. Every solution returned is exact
+    /// to rounding, but one may be missed: of 10 000 random joint vectors of ten arms without any
+    /// special geometry, away from singularities, one was not among the solutions for its pose;
+    /// of 4 000 of four UR5e with every length and angle off by up to 3 mm and 3 mrad, none. For
+    /// seven joints the solutions are a sample of infinitely many.
     ///
     /// A pose out of reach, or one that is not finite, has no solutions.
     pub fn inverse(&self, base_from_tip: &Isometry3<f64>, turns: Turns) -> Vec<Joints> {
@@ -53,10 +59,7 @@ impl Chain {
                 solutions.push(q);
             }
         };
-        match self.analytic() {
-            Some(opw) => opw.solve(base_from_tip, keep),
-            None => numeric::solve(self, base_from_tip, &mut keep),
-        }
+        self.solver().solve(self, base_from_tip, &mut keep);
         match turns {
             Turns::One => solutions,
             Turns::All => self.all_turns(&solutions),
@@ -71,9 +74,9 @@ impl Chain {
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
-    /// Parameters of the analytic solution; `None` for arms that are solved numerically.
+    /// Parameters of an arm with an orthogonal base and a spherical wrist; `None` for others.
     pub fn opw(&self) -> Option<&OpwParameters> {
-        self.analytic().map(Opw::parameters)
+        self.solver().opw()
     }
 
     /// The same posture with every joint as near to zero as its limits allow, if they do.

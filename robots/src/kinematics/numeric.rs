@@ -7,8 +7,15 @@ use nalgebra::{Isometry3, Matrix6, Vector6};
 
 use super::chain::Chain;
 
-/// Starting points; the best that 8 solutions of a UR arm need 99 times in 100, doubled.
-const STARTS: u32 = 512;
+/// Most starting points.
+const MOST_STARTS: u32 = 4096;
+/// Starting points that find nothing before a pose counts as out of reach.
+const VAIN_STARTS: u32 = 512;
+/// Starting points before the search may end, and how often every solution has to have been met
+/// then: the ones still unmet have small basins of attraction, or there are none.
+const LEAST_STARTS: u32 = 128;
+/// See [`LEAST_STARTS`].
+const MEETINGS: u32 = 6;
 /// Iterations from each.
 const ITERATIONS: usize = 60;
 /// Pose error of a solution, linear in metres and angular in radians: rounding.
@@ -22,27 +29,50 @@ const MOST: usize = 16;
 /// Bases of the Halton sequence, one a joint.
 const BASES: [u32; hal::MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17];
 
-/// Calls `found` with every solution met, wherever in the circle.
-pub(super) fn solve(chain: &Chain, target: &Isometry3<f64>, found: &mut impl FnMut(Joints)) {
-    let mut solutions: Vec<Joints> = Vec::new();
-    for index in 1..=STARTS {
-        let Some(q) = newton(chain, target, start(chain, index)) else {
-            continue;
-        };
-        let is_new = !solutions.iter().any(|other| {
-            other.iter().zip(q.iter()).all(|(a, b)| {
-                let turn = a - b;
-                (turn - TAU * (turn / TAU).round()).abs() < SAME
-            })
-        });
-        if is_new {
-            solutions.push(q);
+/// Calls `found` with every solution met, wherever in the circle; `near` are joint positions
+/// that may be close to solutions.
+pub(super) fn solve(
+    chain: &Chain,
+    target: &Isometry3<f64>,
+    near: &[Joints],
+    found: &mut impl FnMut(Joints),
+) {
+    let mut solutions: Vec<(Joints, u32)> = Vec::new();
+    let mut meet = |q: Joints, solutions: &mut Vec<(Joints, u32)>| {
+        let known = solutions.iter_mut().find(|(other, _)| is_same(other, &q));
+        if let Some((_, meetings)) = known {
+            *meetings += 1;
+        } else {
+            solutions.push((q, 1));
             found(q);
-            if solutions.len() == MOST {
-                return;
+        }
+    };
+    for q in near.iter().filter_map(|q| newton(chain, target, *q)) {
+        meet(q, &mut solutions);
+    }
+    for index in 1..=MOST_STARTS {
+        if let Some(q) = newton(chain, target, start(chain, index)) {
+            meet(q, &mut solutions);
+        }
+        let is_over = match index {
+            VAIN_STARTS if solutions.is_empty() => true,
+            LEAST_STARTS.. => {
+                !solutions.is_empty() && solutions.iter().all(|(_, meetings)| *meetings >= MEETINGS)
             }
+            _ => false,
+        };
+        if is_over || solutions.len() == MOST {
+            return;
         }
     }
+}
+
+/// Whether two joint vectors are one up to full turns.
+pub(super) fn is_same(a: &Joints, b: &Joints) -> bool {
+    a.iter().zip(b.iter()).all(|(a, b)| {
+        let turn = a - b;
+        (turn - TAU * (turn / TAU).round()).abs() < SAME
+    })
 }
 
 /// Point `index` of the Halton sequence, spread over one turn of every joint within its range.

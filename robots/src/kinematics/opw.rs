@@ -11,12 +11,11 @@ use hal::Joints;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use super::chain::Chain;
+use super::line::Line;
+use super::solver::Fit;
 
-/// Lines may miss each other, and right angles be off, by this much \[m, rad\]: what the
-/// rounding of a URDF's lengths and angles leaves, far below what inverse kinematics is for.
-const GEOMETRY: f64 = 1e-9;
-/// How far beyond its reach an arm is stretched \[1\]: rounding of the target.
-const STRETCH: f64 = 1e-12;
+/// A link shorter than this is none \[m\].
+const SHORT: f64 = 1e-6;
 /// Sine of the fifth angle below which the wrist's other two are not told apart.
 const WRIST: f64 = 1e-13;
 
@@ -58,56 +57,30 @@ pub(super) struct Opw {
     tip_rotation: Matrix3<f64>,
     /// The wrist's centre in the tip's frame.
     wrist_in_tip: Vector3<f64>,
-}
-
-/// An axis of a joint as a line.
-struct Line {
-    point: Vector3<f64>,
-    direction: Vector3<f64>,
-}
-
-impl Line {
-    fn is_parallel(&self, other: &Self) -> bool {
-        self.direction.cross(&other.direction).norm() < GEOMETRY
-    }
-
-    fn is_perpendicular(&self, other: &Self) -> bool {
-        self.direction.dot(&other.direction).abs() < GEOMETRY
-    }
-
-    /// Where two perpendicular lines meet, if they do.
-    fn meets(&self, other: &Self) -> Option<Vector3<f64>> {
-        let between = other.point - self.point;
-        let common = self.direction.cross(&other.direction);
-        if between.dot(&common).abs() > GEOMETRY || !self.is_perpendicular(other) {
-            return None;
-        }
-        Some(self.point + self.direction * between.dot(&self.direction))
-    }
+    /// How far out of reach a target may lie and be taken for the boundary \[1\].
+    stretch: f64,
 }
 
 impl Opw {
     /// Derives the parameters from the chain at joint zero; `None` if its geometry is another.
-    pub(super) fn detect(chain: &Chain) -> Option<Self> {
+    pub(super) fn detect(chain: &Chain, fit: &Fit) -> Option<Self> {
+        let tolerance = fit.geometry;
         if chain.len() != 6 {
             return None;
         }
         let zero = Joints::from([0.0; 6]);
         let (frames, tip) = chain.frames(&zero);
-        let line = |i: usize| Line {
-            point: frames[i].translation,
-            direction: frames[i].rotation.column(2).into_owned(),
-        };
-        let lines = [line(0), line(1), line(2), line(3), line(4), line(5)];
-        let wrist = lines[3].meets(&lines[4])?;
-        let ortho_parallel = lines[0].is_perpendicular(&lines[1])
-            && lines[1].is_parallel(&lines[2])
-            && lines[2].is_perpendicular(&lines[3]);
-        if !ortho_parallel || (lines[4].meets(&lines[5])? - wrist).norm() > GEOMETRY {
+        let lines: [Line; 6] = core::array::from_fn(|i| Line::of(&frames[i]));
+        let wrist = lines[3].meets(&lines[4], tolerance)?;
+        let ortho_parallel = lines[0].is_perpendicular(&lines[1], tolerance)
+            && lines[1].is_parallel(&lines[2], tolerance)
+            && lines[2].is_perpendicular(&lines[3], tolerance);
+        if !ortho_parallel || (lines[4].meets(&lines[5], tolerance)? - wrist).norm() > tolerance {
             return None;
         }
 
-        let (z, y) = (lines[0].direction, lines[1].direction);
+        let z = lines[0].direction;
+        let y = (lines[1].direction - z * z.dot(&lines[1].direction)).normalize();
         let x = y.cross(&z);
         let model_rotation = Matrix3::from_columns(&[x, y, z]);
         // The foot of the chain's base on axis 1.
@@ -137,7 +110,7 @@ impl Opw {
 
         let c2 = upper.x.hypot(upper.z);
         let (a2, c3) = (forearm.dot(&forearm_x), forearm.dot(&along));
-        if c2 < GEOMETRY || a2.hypot(c3) < GEOMETRY {
+        if c2 < SHORT || a2.hypot(c3) < SHORT {
             return None;
         }
         Some(Self {
@@ -163,6 +136,7 @@ impl Opw {
             model_origin,
             tip_rotation: last.transpose() * tip.rotation,
             wrist_in_tip: tip.rotation.transpose() * (wrist - tip.translation),
+            stretch: fit.stretch,
         })
     }
 
@@ -183,7 +157,7 @@ impl Opw {
             self.model_rotation.transpose() * rotation.matrix() * self.tip_rotation.transpose();
 
         let radial = c.x * c.x + c.y * c.y - p.b * p.b;
-        if radial < -STRETCH * (c.x * c.x + c.y * c.y + p.b * p.b) {
+        if radial < -self.stretch * (c.x * c.x + c.y * c.y + p.b * p.b) {
             return;
         }
         let radial = radial.max(0.0).sqrt();
@@ -197,7 +171,7 @@ impl Opw {
             let q1 = heading - p.b.atan2(side);
             let (x, z) = (side - p.a1, c.z - p.c1);
             let cos = (x * x + z * z - p.c2 * p.c2 - k * k) / (2.0 * p.c2 * k);
-            if cos.abs() > 1.0 + STRETCH {
+            if cos.abs() > 1.0 + self.stretch {
                 continue;
             }
             let sin = ((1.0 - cos) * (1.0 + cos)).max(0.0).sqrt();
