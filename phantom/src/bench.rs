@@ -2,10 +2,11 @@
 
 use hal::frame::{LeftCamera, NeedleBase, World};
 use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform};
-use nalgebra::{Isometry3, UnitQuaternion};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::camera::StereoRig;
 use crate::draw::Draw;
+use crate::marker::{MarkerSensor, SensedMarker};
 use crate::needle::RodPlant;
 use crate::plant::Plant;
 use crate::robot::Robot;
@@ -36,6 +37,9 @@ pub struct Bench {
     robot: Robot,
     sensor: FastSensor,
     cameras: Option<StereoRig>,
+    /// Where the marker is while the tissue is at rest, in World \[m\].
+    marker: Option<Vector3<f64>>,
+    marker_sensor: MarkerSensor,
     draw: Draw,
     now: Stamp,
     nominal: Transform<World, NeedleBase>,
@@ -85,6 +89,8 @@ impl Bench {
             robot,
             sensor: FastSensor::new(&settings.sensor, &setup.left_from_world, setup.seed),
             cameras: None,
+            marker: None,
+            marker_sensor: MarkerSensor::new(&settings.sensor, &setup.left_from_world, setup.seed),
             draw,
             now: Stamp::ZERO,
             nominal: setup.world_from_base,
@@ -119,6 +125,22 @@ impl Bench {
     /// The hidden truth at the last exposure.
     pub fn truth(&self) -> &Truth {
         self.plant.truth()
+    }
+
+    /// Makes a marker of the tissue that is at `place` in World \[m\] at the last exposure; it
+    /// replaces the one before. It is seen from the next exposure on.
+    pub fn attach_marker(&mut self, place: &Vector3<f64>) {
+        self.marker = Some(self.plant.rest_of(place));
+    }
+
+    /// True place of the marker in World \[m\] at the last exposure, where there is one.
+    pub fn marker(&self) -> Option<Vector3<f64>> {
+        self.marker.map(|rest| self.plant.tissue_at(&rest))
+    }
+
+    /// The newest measurement of the marker that has arrived and was not yet returned.
+    pub fn poll_marker(&mut self) -> Option<SensedMarker> {
+        self.marker_sensor.poll(self.now)
     }
 
     /// The bench's clock.
@@ -181,7 +203,12 @@ impl Bench {
     /// Every sensor that is due at the present time looks at the needle.
     fn expose(&mut self) {
         let view = &self.plant.truth().needle;
+        let marker = self.marker.map(|rest| self.plant.tissue_at(&rest));
         while self.sensor.next_exposure() <= self.now {
+            if let Some(place) = &marker {
+                let (stamp, sequence) = (self.sensor.next_exposure(), self.sensor.sequence());
+                self.marker_sensor.expose(place, stamp, sequence);
+            }
             self.sensor.expose(view);
         }
         if let Some(cameras) = &mut self.cameras {

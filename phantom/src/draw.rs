@@ -24,6 +24,9 @@ pub(crate) enum Purpose {
     SensorBias,
     Kinematics,
     Holder,
+    Marker,
+    MarkerDrops,
+    MarkerBias,
 }
 
 /// The generator of `seed` for one purpose.

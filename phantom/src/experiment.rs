@@ -31,6 +31,11 @@ impl Passing {
         }
     }
 
+    /// The target has moved to `target` (World \[m\]).
+    pub const fn follow(&mut self, target: Vector3<f64>) {
+        self.target = target;
+    }
+
     /// Takes note of a state; the target's distance from the tip axis at the moment O's plane
     /// passed it \[m\], once it has, linear between states.
     pub fn observe(&mut self, truth: &Truth) -> Option<f64> {

@@ -16,6 +16,7 @@ pub mod needle;
 pub mod draw;
 pub mod robot;
 pub mod sensor;
+pub mod marker;
 pub mod camera;
 pub mod bench;
 pub mod experiment;
@@ -30,6 +31,7 @@ mod twist;
 
 pub use bench::{Bench, Setup};
 pub use draw::Draw;
+pub use marker::SensedMarker;
 pub use needle::RodPlant;
 pub use plant::Plant;
 pub use settings::{Settings, SettingsError};

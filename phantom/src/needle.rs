@@ -7,7 +7,7 @@ mod publish;
 
 use hal::frame::{NeedleBase, World};
 use hal::{Stamp, Transform};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::draw::Draw;
 use crate::medium::Contact;
@@ -148,8 +148,7 @@ impl RodPlant {
     /// tissue is at rest \[m\]: a marker. The needle's push on it is not modelled (the bed is
     /// local: a point off the shaft does not feel it).
     pub fn marker(&self, material: &Vector3<f64>) -> Vector3<f64> {
-        (self.world_from_phantom * nalgebra::Point3::from(self.placement.phantom_of(material)))
-            .coords
+        (self.world_from_phantom * Point3::from(self.placement.phantom_of(material))).coords
     }
 
     /// Energy stored in the bent and twisted shaft and in the displaced tissue \[J\].
@@ -270,6 +269,17 @@ impl Plant for RodPlant {
 
     fn truth(&self) -> &Truth {
         &self.truth
+    }
+
+    fn tissue_at(&self, rest: &Vector3<f64>) -> Vector3<f64> {
+        let material = self.world_from_phantom.inverse() * Point3::from(*rest);
+        self.marker(&material.coords)
+    }
+
+    fn rest_of(&self, place: &Vector3<f64>) -> Vector3<f64> {
+        let now = self.world_from_phantom.inverse() * Point3::from(*place);
+        let material = self.placement.material_of(&now.coords);
+        (self.world_from_phantom * Point3::from(material)).coords
     }
 
     fn reset(&mut self, world_from_base: &Transform<World, NeedleBase>) {

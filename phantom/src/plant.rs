@@ -2,6 +2,7 @@
 
 use hal::frame::{NeedleBase, World};
 use hal::{Stamp, Transform};
+use nalgebra::Vector3;
 
 use crate::truth::Truth;
 
@@ -22,4 +23,16 @@ pub trait Plant: Send {
 
     /// Begins anew with fresh tissue, the needle straight, time zero.
     fn reset(&mut self, world_from_base: &Transform<World, NeedleBase>);
+
+    /// Where the tissue is in World \[m\] at the instant of `truth` that is at `rest` while all is
+    /// at rest. Tissue that does not move stays there.
+    fn tissue_at(&self, rest: &Vector3<f64>) -> Vector3<f64> {
+        *rest
+    }
+
+    /// Where the tissue that is at `place` in World \[m\] at the instant of `truth` is while all is
+    /// at rest: the inverse of [`Plant::tissue_at`].
+    fn rest_of(&self, place: &Vector3<f64>) -> Vector3<f64> {
+        *place
+    }
 }

@@ -48,6 +48,11 @@ impl FastSensor {
         Stamp::from_secs(self.sequence as f64 / self.settings.rate_hz)
     }
 
+    /// Number of the next exposure.
+    pub fn sequence(&self) -> u64 {
+        self.sequence
+    }
+
     /// Looks at the needle at the next exposure, unless that one is dropped.
     pub fn expose(&mut self, needle: &NeedleView) {
         let stamp = self.next_exposure();

@@ -72,43 +72,74 @@ fn opencvs_corners_give_opencvs_parameters() {
         return;
     };
     let c = calibrate(&pairs(|name| reference::opencv_corners(&opencv, name)));
-    let number = |v: &serde_json::Value| v.as_f64().unwrap();
-    let close = |what: &str, ours: f64, theirs: &serde_json::Value, relative: f64| {
-        let theirs = number(theirs);
+    // The optimum of OpenCV's cost, found with OpenCV's own functions (opencv_optimum.py).
+    let found: serde_json::Value =
+        serde_json::from_str(include_str!("reference/opencv_optimum.json")).unwrap();
+    agree(&c, &found["optimum"], |_, _| 1e-5);
+    // cv2.stereoCalibrate rounds the board to single precision and stops short of the optimum: in the
+    // two weakest directions that is more than 1e-4 (2e-4 between its own two optima).
+    let weak = |what: &str, i: usize| match (what, i) {
+        ("D1", 4) | ("D2", 3) => 2.5e-4,
+        _ => 1e-4,
+    };
+    agree(&c, &opencv, |what, i| {
+        if (what, i) == ("D1", 4) { 1.2e-4 } else { 1e-4 }
+    });
+    agree(&c, &found["opencv_tight"], weak);
+    agree(&c, &found["optimum_rounded_board"], weak);
+    for (what, ours) in [
+        ("left_rms_px", c.left_rms_px),
+        ("right_rms_px", c.right_rms_px),
+        ("rectified_dy_rms_px", c.rectified_dy.rms_px),
+    ] {
+        let theirs = opencv[what].as_f64().unwrap();
+        assert!((ours / theirs - 1.0).abs() <= 1e-4, "{what}: {ours}");
+    }
+}
+
+/// Every parameter against OpenCV's, within the relative `tolerance` of (name, index).
+fn agree(
+    c: &StereoCalibration,
+    theirs: &serde_json::Value,
+    tolerance: impl Fn(&str, usize) -> f64,
+) {
+    let mut worst = (0.0_f64, String::new());
+    let mut close = |what: &str, index: usize, ours: f64, theirs: &serde_json::Value| {
+        let theirs = theirs.as_f64().unwrap();
+        let gap = (ours - theirs).abs() / theirs.abs();
+        if gap > worst.0 {
+            worst = (gap, format!("{what}[{index}]"));
+        }
         assert!(
-            (ours - theirs).abs() <= relative * theirs.abs(),
-            "{what}: {ours} against {theirs}"
+            gap <= tolerance(what, index),
+            "{what}[{index}]: {ours} against {theirs}, {gap:e}"
         );
     };
-    close("left rms", c.left_rms_px, &opencv["left_rms_px"], 1e-4);
-    close("right rms", c.right_rms_px, &opencv["right_rms_px"], 1e-4);
-    close("joint rms", c.joint_rms_px, &opencv["joint_rms_px"], 1e-4);
-    close(
-        "dy",
-        c.rectified_dy.rms_px,
-        &opencv["rectified_dy_rms_px"],
-        1e-4,
-    );
+    close("joint_rms_px", 0, c.joint_rms_px, &theirs["joint_rms_px"]);
     for (camera, k, d) in [(c.rig.left, "K1", "D1"), (c.rig.right, "K2", "D2")] {
         let m: Matrix3<f64> = camera.matrix();
         for (i, j) in [(0, 0), (1, 1), (0, 2), (1, 2)] {
-            close(k, m[(i, j)], &opencv[k][i][j], 1e-4);
+            close(k, 3 * i + j, m[(i, j)], &theirs[k][i][j]);
         }
         for (i, value) in camera.distortion.to_array().into_iter().enumerate() {
-            // OpenCV stops 1e-4 sigma of k3 short of the optimum: with the tightest criteria that
-            // it accepts it ends at a cost 5e-12 above ours, 1.1e-4 of k3 away.
-            close(d, value, &opencv[d][i], if i == 4 { 2e-4 } else { 1e-4 });
+            close(d, i, value, &theirs[d][i]);
         }
     }
     let pose = c.rig.right_from_left.isometry();
     let r = pose.rotation.to_rotation_matrix();
     for i in 0..3 {
         let t = pose.translation.vector[i] * 1e3;
-        close("T", t, &opencv["T_right_from_left_mm"][i], 1e-4);
+        close("T", i, t, &theirs["T_right_from_left_mm"][i]);
         for j in 0..3 {
-            close("R", r[(i, j)], &opencv["R_right_from_left"][i][j], 1e-4);
+            close(
+                "R",
+                3 * i + j,
+                r[(i, j)],
+                &theirs["R_right_from_left"][i][j],
+            );
         }
     }
+    println!("largest relative difference {:e} at {}", worst.0, worst.1);
 }
 
 #[test]

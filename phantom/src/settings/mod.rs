@@ -195,7 +195,7 @@ impl Default for FrictionSettings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotionSettings {
-    /// Amplitude of breathing, a cos^4 of time (2-15).
+    /// Amplitude of breathing at the surface, a cos^4 of time (2-15).
     pub breathing_mm: f64,
     /// Rate of breathing (0.2-0.3).
     pub breathing_hz: f64,
@@ -203,7 +203,8 @@ pub struct MotionSettings {
     pub breathing_direction: [f64; 3],
     /// Phase at the start; 90 is the end of exhalation.
     pub breathing_phase_deg: f64,
-    /// Relative loss of breathing motion per depth: makes it affine instead of rigid.
+    /// Relative loss of breathing motion per depth: makes it affine instead of rigid. Below zero
+    /// it grows: -50 moves 80 mm of depth by five times the motion at the surface.
     pub breathing_fade_1_m: f64,
     /// Steady drift.
     pub drift_mm_min: [f64; 3],

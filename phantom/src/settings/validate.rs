@@ -166,7 +166,20 @@ impl Settings {
             -360.0,
             360.0,
         )?;
-        within("motion.breathing_fade_1_m", m.breathing_fade_1_m, 0.0, 20.0)?;
+        within(
+            "motion.breathing_fade_1_m",
+            m.breathing_fade_1_m,
+            -100.0,
+            20.0,
+        )?;
+        let [x, y, z] = m.breathing_direction;
+        let steep = z.abs() / (x * x + y * y + z * z).sqrt();
+        holds(
+            m.breathing_mm == 0.0
+                || m.breathing_mm * 1e-3 * m.breathing_fade_1_m.abs() * steep < 0.5,
+            "motion.breathing_fade_1_m",
+            "must change the tissue's length along depth by less than half",
+        )?;
         for x in m.drift_mm_min {
             within("motion.drift_mm_min", x, -60.0, 60.0)?;
         }

@@ -6,6 +6,7 @@ mod bench;
 mod energy;
 mod events;
 mod invariance;
+mod marker;
 mod population;
 mod steering;
 mod support;
