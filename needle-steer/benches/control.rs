@@ -1,9 +1,5 @@
 //! The controller's step at 40 springs, and whole insertions with the fast sensor.
 #![expect(
-    missing_docs,
-    reason = "criterion's macros generate undocumented items"
-)]
-#![expect(
     clippy::expect_used,
     clippy::disallowed_methods,
     reason = "a benchmark that cannot start stops, and reads the clock"
@@ -22,7 +18,7 @@ use needle_steer::rig::Rig;
 use needle_steer::run::{Observer, run, simulate};
 
 /// Steps that are timed: the last before the end, about five seconds with 25 plans.
-const WINDOW: usize = 150;
+const WINDOW: u32 = 150;
 
 /// What the steps of a run read.
 #[derive(Default)]
@@ -58,7 +54,7 @@ fn configuration(law: &str) -> Config {
 /// Time of the window's steps on a cycle that has lived through all before.
 fn window(config: &Config, rig: &Rig, recording: &Recording, first: &ArmState) -> Duration {
     let mut cycle = Cycle::new(config, rig.bearings.clone(), first).expect("a cycle");
-    let begin = recording.steps.len() - WINDOW;
+    let begin = recording.steps.len() - WINDOW as usize;
     let mut before = first.stamp;
     let mut elapsed = Duration::ZERO;
     for (i, (now, arm, shape, phase)) in recording.steps.iter().enumerate() {
@@ -97,7 +93,7 @@ fn control_step(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::from_parameter(law), |bencher| {
             bencher.iter_custom(|iterations| {
                 // One pass lives through the whole insertion, however many steps are asked for.
-                let per_step = window(&config, &rig, &recording, &first) / WINDOW as u32;
+                let per_step = window(&config, &rig, &recording, &first) / WINDOW;
                 per_step * u32::try_from(iterations).unwrap_or(u32::MAX)
             });
         });

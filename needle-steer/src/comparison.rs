@@ -3,6 +3,8 @@
 //! A [`Variant`] is a name and overrides of the configuration as `--set` takes them, so each cell
 //! of a table can be repeated by hand with `needle-steer run`.
 
+use std::fmt::Write;
+
 use serde::Serialize;
 
 use crate::config::{self, Config, ConfigError};
@@ -231,8 +233,10 @@ pub fn markdown(cells: &[Cell]) -> String {
     for cell in cells {
         let show =
             |d: &PairedDifference| format!("{:+.3} [{:+.3}, {:+.3}]", d.median, d.low, d.high);
-        text.push_str(&format!(
-            "| {} | {} | {:.3} | {:.3} | {} | {:.3} | {} | {}/{} |\n",
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "| {} | {} | {:.3} | {:.3} | {} | {:.3} | {} | {}/{} |",
             cell.variant,
             cell.experiment,
             cell.median_mm,
@@ -242,7 +246,7 @@ pub fn markdown(cells: &[Cell]) -> String {
             show(&cell.stretch_difference_mm),
             cell.passed,
             cell.runs.len(),
-        ));
+        );
     }
     text
 }

@@ -15,6 +15,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::{Chain, RateSettings, TurnBudget};
 use serde::{Deserialize, Serialize};
 
+use crate::bearings::{entry_point, first_telemetry};
+pub use crate::bearings::{Bearings, base_pose};
 use crate::config::{Config, TargetKind};
 use crate::odometry::Odometry;
 use crate::springs::{self, SpringsError, SpringsModel};
@@ -51,17 +53,6 @@ pub struct SeenMarker {
     pub position: Position<LeftCamera>,
     /// Standard deviation per axis \[m\].
     pub sigma: f64,
-}
-
-/// Where things stand, as calibration and registration know it.
-#[derive(Clone, Debug)]
-pub struct Bearings {
-    /// The arm's chain from its base to the needle's base.
-    pub chain: Chain,
-    /// Place of the arm.
-    pub world_from_arm_base: Transform<World, ArmBase>,
-    /// Registration of the stereo frame.
-    pub world_from_left_camera: Transform<World, LeftCamera>,
 }
 
 /// A configuration that makes no cycle.
@@ -440,54 +431,5 @@ impl core::fmt::Debug for Cycle {
             .field("law", &self.law.name())
             .field("step", &self.telemetry.step)
             .finish_non_exhaustive()
-    }
-}
-
-/// World pose of the needle's base at an encoder reading.
-pub fn base_pose(bearings: &Bearings, state: &ArmState) -> Isometry3<f64> {
-    bearings.world_from_arm_base.isometry() * bearings.chain.forward(&state.positions)
-}
-
-/// Where the needle's axis meets the surface.
-fn entry_point(config: &Config, world_from_base: &Isometry3<f64>) -> Point3<f64> {
-    let (surface, inward) = (config.entry(), config.inward());
-    let axis = world_from_base.rotation * Vector3::z();
-    let origin = Point3::from(world_from_base.translation.vector);
-    let slope = axis.dot(&inward);
-    if slope < 0.1 {
-        return surface;
-    }
-    origin + axis * ((surface - origin).dot(&inward) / slope)
-}
-
-/// Telemetry before the first step.
-fn first_telemetry(
-    state: &ArmState,
-    world_from_base: &Isometry3<f64>,
-    world_from_tip: &Isometry3<f64>,
-) -> Telemetry {
-    Telemetry {
-        step: 0,
-        stamp: state.stamp,
-        image_stamp: None,
-        phase: Phase::Idle,
-        tracking: Tracking::None,
-        arm_mode: state.mode,
-        joints: state.positions,
-        joint_rates: state.positions.zeroed(),
-        world_from_base: Transform::assume(*world_from_base),
-        world_from_tip: Transform::assume(*world_from_tip),
-        base_twist: Twist::zero(),
-        measured_tip: None,
-        target: Position::new(Point3::origin()),
-        lateral_error: f64::NAN,
-        axial_distance: f64::NAN,
-        depth: 0.0,
-        law: hal::telemetry::LawReport {
-            mode: SteeringMode::Hold,
-            ..Default::default()
-        },
-        model: ModelReport::default(),
-        truth: None,
     }
 }

@@ -9,6 +9,7 @@
 //! stops the arm.
 
 pub mod cycle;
+pub mod bearings;
 pub mod springs;
 pub mod odometry;
 pub mod withdrawal;

@@ -76,7 +76,7 @@ impl Case {
         if sensor == 2 || sensor == 4 {
             overrides.push("phantom.sensor.latency_ms=100.0".to_owned());
         }
-        if index % 11 == 0 {
+        if index.is_multiple_of(11) {
             overrides.extend(breathing().map(str::to_owned));
         }
         Self { index, overrides }

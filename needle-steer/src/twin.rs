@@ -18,6 +18,7 @@ const CLEARANCE: f64 = 2e-3;
 const ELEMENTS: usize = 252;
 
 /// A needle of [`needle_model`] in uniform tissue.
+#[derive(Debug)]
 pub struct TwinPlant {
     fresh: Insertion,
     insertion: Insertion,

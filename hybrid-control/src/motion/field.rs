@@ -75,26 +75,14 @@ impl TissueField {
     pub fn pose_to_rest(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
         let axis = Unit::new_normalize(pose.rotation * Vector3::z());
         let at_rest = self.direction_to_rest(&axis);
-        self.carried(pose, &axis, &at_rest, |p| self.point_to_rest(p))
+        carried(pose, &axis, &at_rest, |p| self.point_to_rest(p))
     }
 
     /// The inverse of [`Self::pose_to_rest`].
     pub fn pose_from_rest(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
         let axis = pose.rotation * Vector3::z();
         let now = self.direction_from_rest(&axis);
-        self.carried(pose, &axis, &now, |p| self.point_from_rest(p))
-    }
-
-    fn carried(
-        &self,
-        pose: &Isometry3<f64>,
-        from: &Vector3<f64>,
-        to: &Vector3<f64>,
-        place: impl Fn(&Point3<f64>) -> Point3<f64>,
-    ) -> Isometry3<f64> {
-        let turn = UnitQuaternion::rotation_between(from, to).unwrap_or_default();
-        let origin = place(&Point3::from(pose.translation.vector));
-        Isometry3::from_parts(origin.coords.into(), turn * pose.rotation)
+        carried(pose, &axis, &now, |p| self.point_from_rest(p))
     }
 
     /// Twist in World of a body that moves with `twist` at rest, where its pose is `at_rest`:
@@ -146,6 +134,18 @@ impl TissueField {
         }
         with(low)
     }
+}
+
+/// A pose whose axis `from` becomes `to` by the shortest turn, its origin moved by `place`.
+fn carried(
+    pose: &Isometry3<f64>,
+    from: &Vector3<f64>,
+    to: &Vector3<f64>,
+    place: impl Fn(&Point3<f64>) -> Point3<f64>,
+) -> Isometry3<f64> {
+    let turn = UnitQuaternion::rotation_between(from, to).unwrap_or_default();
+    let origin = place(&Point3::from(pose.translation.vector));
+    Isometry3::from_parts(origin.coords.into(), turn * pose.rotation)
 }
 
 /// Largest of the speeds of a base twist over its limit.
@@ -232,8 +232,7 @@ mod tests {
             x in prop::collection::vec(-3.0_f64..3.0, 18), y in prop::collection::vec(-1.0_f64..1.0, 6),
         ) {
             let limits = Limits::default();
-            let mut pose = x[12..].to_vec();
-            pose.iter_mut().for_each(|v| *v /= 3.0);
+            let pose: Vec<f64> = x[12..].iter().map(|v| v / 3.0).collect();
             let rest = base(&pose);
             let twist = Twist {
                 linear: Vector3::new(y[0], y[1], y[2]) * 5e-3,

@@ -50,6 +50,8 @@ impl TissueMotion {
     /// Takes in the marker's position in World \[m\] with its standard deviation per axis, at
     /// its own time. What is not finite, or not newer than the last, is passed over.
     pub fn observe(&mut self, stamp: Stamp, marker: &Point3<f64>, sigma: f64) {
+        // An exact sensor is taken for nearly exact.
+        let sigma = sigma.max(1e-6);
         if self.track.observe(stamp, marker, sigma) && self.rest.is_none() {
             self.rest = Some(*marker);
         }
