@@ -15,8 +15,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::{Chain, RateSettings, TurnBudget};
 use serde::{Deserialize, Serialize};
 
-use crate::bearings::{entry_point, first_telemetry};
 pub use crate::bearings::{Bearings, base_pose};
+use crate::bearings::{entry_point, first_telemetry};
 use crate::config::{Config, TargetKind};
 use crate::odometry::Odometry;
 use crate::springs::{self, SpringsError, SpringsModel};
@@ -134,6 +134,11 @@ impl Cycle {
             telemetry: first_telemetry(state, &world_from_base, &tip.world_from_tip),
             bearings,
         })
+    }
+
+    /// Steers with `law` instead of the configuration's.
+    pub fn set_law(&mut self, law: Box<dyn Law>) {
+        self.law = law;
     }
 
     /// Sets the target, in the stereo frame, and prepares the law for it. Where the target is a

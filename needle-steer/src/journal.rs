@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use hal::telemetry::Telemetry;
-use hal::{ArmState, RateCommand, SensedShape};
-use rosbridge::log::{Log, Overflow, Record, RunInfo, WriteError};
+use hal::telemetry::{Phase, Telemetry};
+use hal::{ArmState, RateCommand, SensedShape, Stamp};
+use rosbridge::log::{Level, Log, Overflow, Record, RunInfo, WriteError};
 
 use crate::config::Config;
 use crate::cycle::Bearings;
+use crate::outcome::Summary;
 use crate::run::Observer;
 
 /// Writes a run's log as it goes. A failing disk never disturbs the run: the first error is kept
@@ -17,6 +18,7 @@ use crate::run::Observer;
 pub struct Journal {
     log: Log,
     error: Option<WriteError>,
+    phase: Phase,
 }
 
 impl Journal {
@@ -29,7 +31,7 @@ impl Journal {
         let info = RunInfo {
             config: toml::to_string(config)?,
             seed: config.run.seed,
-            versions: BTreeMap::from([label("needle-steer", env!("CARGO_PKG_VERSION"))]),
+            versions: BTreeMap::from([label("needle-steer", crate::VERSION)]),
             labels: BTreeMap::from([
                 label("law", &config.run.law),
                 label("phantom", &config.run.phantom),
@@ -40,12 +42,33 @@ impl Journal {
         Ok(Self {
             log: Log::create(file, &info, Overflow::Wait)?,
             error: None,
+            phase: Phase::Idle,
         })
     }
 
     fn write(&mut self, record: impl Into<Record>) {
         if self.error.is_none() {
             self.error = self.log.write(record).err();
+        }
+    }
+
+    /// How the run ended, as a note and as the document `summary.json`.
+    pub fn result(&mut self, stamp: Stamp, summary: &Summary) {
+        let level = if summary.ended.is_success() {
+            Level::Info
+        } else {
+            Level::Error
+        };
+        self.write(Record::Note {
+            stamp,
+            level,
+            text: summary.ended.to_string(),
+        });
+        if let Ok(text) = serde_json::to_string(summary) {
+            self.write(Record::Document {
+                name: "summary.json".into(),
+                text,
+            });
         }
     }
 
@@ -62,6 +85,10 @@ impl Journal {
 }
 
 impl Observer for Journal {
+    fn start(&mut self, arm: &ArmState) {
+        self.write(*arm);
+    }
+
     fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
         self.write(*arm);
         if let Some(shape) = shape {
@@ -70,6 +97,14 @@ impl Observer for Journal {
     }
 
     fn step(&mut self, telemetry: &Telemetry) {
+        if telemetry.phase != self.phase {
+            self.phase = telemetry.phase;
+            self.write(Record::Note {
+                stamp: telemetry.stamp,
+                level: Level::Info,
+                text: format!("phase: {:?}", telemetry.phase),
+            });
+        }
         self.write(telemetry.clone());
     }
 

@@ -21,9 +21,15 @@ pub mod twin;
 pub mod clock;
 pub mod supervisor;
 pub mod config;
+pub mod reference;
 pub mod outcome;
 pub mod progress;
 pub mod journal;
+pub mod replay;
+pub mod diff;
+pub mod campaign;
+pub mod report;
+pub mod identify;
 pub mod series;
 pub mod statistics;
 pub mod plot;
@@ -31,3 +37,6 @@ pub mod experiments;
 pub mod comparison;
 pub mod robustness;
 pub mod cli;
+
+/// Version of this build, with the commit where it is known.
+pub const VERSION: &str = env!("NEEDLE_STEER_VERSION");

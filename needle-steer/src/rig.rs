@@ -253,6 +253,21 @@ pub fn chain(config: &Config) -> Result<Chain, RigBuildError> {
     Ok(Chain::from_urdf(&xml, link)?)
 }
 
+/// Where things stand for a controller on `config`, with the stereo frame as registered.
+///
+/// # Errors
+/// As [`chain`].
+pub fn bearings(
+    config: &Config,
+    world_from_left_camera: Transform<World, LeftCamera>,
+) -> Result<Bearings, RigBuildError> {
+    Ok(Bearings {
+        chain: chain(config)?,
+        world_from_arm_base: arm_place(config),
+        world_from_left_camera,
+    })
+}
+
 fn arm_place(config: &Config) -> Transform<World, ArmBase> {
     let [x, y, z] = config.arm.base_mm.map(|v| v * 1e-3);
     let [roll, pitch, yaw] = config.arm.base_rpy_deg.map(f64::to_radians);

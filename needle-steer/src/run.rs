@@ -13,10 +13,11 @@ use crate::progress::Progress;
 use crate::rig::{Rig, RigBuildError};
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
 use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
+use hybrid_control::view::Law;
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 
 /// Longest wait for a law step when no image comes \[s\]: then the law runs on prediction.
-const PREDICTION: f64 = 0.05;
+pub const PREDICTION: f64 = 0.05;
 /// Straight start where no protocol gives one \[m\].
 const PRE_INSERTION: f64 = 5e-3;
 /// Longest wait for the arm to come to rest.
@@ -43,6 +44,11 @@ pub enum RunError {
 
 /// Takes note of a run while it goes on.
 pub trait Observer {
+    /// The arm where the controller starts from; called first.
+    fn start(&mut self, arm: &ArmState) {
+        let _ = arm;
+    }
+
     /// A law step, with truth in simulation.
     fn step(&mut self, telemetry: &Telemetry);
 
@@ -90,8 +96,36 @@ pub fn run(
     observer: &mut dyn Observer,
     controls: &Controls,
 ) -> Result<Summary, RunError> {
+    insert(config, rig, None, observer, controls)
+}
+
+/// As [`run`], steering with a law that has no name in the configuration.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn run_with_law(
+    config: &Config,
+    rig: &mut Rig,
+    law: Box<dyn Law>,
+    observer: &mut dyn Observer,
+    controls: &Controls,
+) -> Result<Summary, RunError> {
+    insert(config, rig, Some(law), observer, controls)
+}
+
+fn insert(
+    config: &Config,
+    rig: &mut Rig,
+    law: Option<Box<dyn Law>>,
+    observer: &mut dyn Observer,
+    controls: &Controls,
+) -> Result<Summary, RunError> {
     let state = rig.arm.state()?;
-    let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
+    observer.start(&state);
+    let mut cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
+    if let Some(law) = law {
+        cycle.set_law(law);
+    }
     let mut insertion = Insertion::new(config, rig, cycle, &state);
     if config.run.check_reach {
         insertion.check_target(config)?;

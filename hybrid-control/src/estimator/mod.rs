@@ -19,8 +19,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3
 use crate::settings::EstimatorSettings;
 use crate::view::Tip;
 use filter::Filter;
-use moment::{Moment, advance, azimuth_of, clamp_of, insertion_frame, tip_row};
 pub use input::{EstimatorError, Health, Observation, Start};
+use moment::{Moment, advance, azimuth_of, clamp_of, insertion_frame, tip_row};
 use path::CutPath;
 use rod::{COLUMNS, Clamp, Rod, RodConstants, Row};
 pub use rollout::Rollout;

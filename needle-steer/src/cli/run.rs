@@ -8,7 +8,7 @@ use std::sync::Arc;
 use anyhow::Context;
 use clap::Args;
 use hal::telemetry::Telemetry;
-use hal::{ArmState, RateCommand, SensedShape};
+use hal::{ArmState, RateCommand, SensedShape, Stamp};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::print_json;
@@ -99,6 +99,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let mut recorder = Recorder::new(&config, journal);
     let mut summary = run(&config, &mut rig, &mut recorder, &interrupt)?;
     recorder.progress.finish_and_clear();
+    if let (Some(journal), Some(last)) = (&mut recorder.journal, recorder.last) {
+        journal.result(last, &summary);
+    }
     let logged = recorder.journal.take().map_or(Ok(()), Journal::finish);
     summary.log = log.map(|file| file.display().to_string());
     if let Some(out) = &args.out {
@@ -131,6 +134,7 @@ struct Recorder {
     journal: Option<Journal>,
     rows: Vec<Row>,
     first: Option<Telemetry>,
+    last: Option<Stamp>,
     progress: ProgressBar,
     depth_mm: f64,
 }
@@ -147,6 +151,7 @@ impl Recorder {
             journal,
             rows: Vec::new(),
             first: None,
+            last: None,
             progress,
             depth_mm,
         }
@@ -154,6 +159,12 @@ impl Recorder {
 }
 
 impl Observer for Recorder {
+    fn start(&mut self, arm: &ArmState) {
+        if let Some(journal) = &mut self.journal {
+            journal.start(arm);
+        }
+    }
+
     fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
         if let Some(journal) = &mut self.journal {
             journal.inputs(arm, shape);
@@ -170,6 +181,7 @@ impl Observer for Recorder {
         if let Some(journal) = &mut self.journal {
             journal.step(telemetry);
         }
+        self.last = Some(telemetry.stamp);
         let first = self.first.get_or_insert_with(|| telemetry.clone());
         self.rows.push(Row::new(telemetry, first));
         if telemetry.step % 15 == 1 {
