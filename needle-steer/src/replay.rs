@@ -286,6 +286,10 @@ impl Player {
             dt,
             arm,
             shape,
+            // What was tracked in images is logged as a shape.
+            pair: None,
+            // Runs to a marker are not replayed: the log does not hold it.
+            marker: None,
             phase,
         })
     }

@@ -7,8 +7,9 @@ use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, St
 
 use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
-use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
+use crate::cycle::{Cycle, CycleError, SeenMarker, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
+use crate::progress::Progress;
 use crate::rig::{Rig, RigBuildError, Sighting};
 use crate::sight::Sight;
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
@@ -25,7 +26,7 @@ const IN_SIGHT: f64 = 6e-3;
 /// Longest wait for the arm to come to rest.
 const REST: Duration = Duration::from_secs(1);
 /// Shortfall of reach that does not end a run \[m\].
-const REACH_TOLERANCE: f64 = 0.5e-3;
+const REACH_TOLERANCE: f64 = 1e-3;
 
 /// A run that could not be carried out; nothing moved, or the arm was stopped.
 #[derive(Debug, thiserror::Error)]
@@ -64,6 +65,11 @@ pub trait Observer {
         let _ = step;
     }
 
+    /// The marker that the step read; called after [`Observer::inputs`] where there was one.
+    fn marker(&mut self, marker: &SeenMarker) {
+        let _ = marker;
+    }
+
     /// A command that went out.
     fn command(&mut self, command: &RateCommand) {
         let _ = command;
@@ -76,6 +82,16 @@ pub struct Unobserved;
 
 impl Observer for Unobserved {
     fn step(&mut self, _: &Telemetry) {}
+}
+
+/// Builds the devices that `config` asks for and carries out one insertion on them, watched by
+/// nobody.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn simulate(config: &Config) -> Result<Summary, RunError> {
+    let mut rig = Rig::new(config)?;
+    run(config, &mut rig, &mut Unobserved, &Controls::default())
 }
 
 /// Carries out one insertion on `rig`.
@@ -125,6 +141,7 @@ fn insert(
     if config.run.dry_run {
         return Ok(insertion.summary(config, Ended::DryRun));
     }
+    insertion.attach_marker(config);
     insertion.rig.arm.enable()?;
     let ended = insertion.advance(config, observer, controls);
     let stopped = insertion.come_to_rest();
@@ -139,6 +156,7 @@ struct Insertion<'a> {
     cycle: Cycle,
     supervisor: Supervisor,
     reach: ReachMonitor,
+    progress: Progress,
     phase: Phase,
     before_pause: Phase,
     straight: f64,
@@ -161,6 +179,7 @@ impl<'a> Insertion<'a> {
             supervisor: Supervisor::new(bounds(config), rig.clock.now()),
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
+            progress: Progress::default(),
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
@@ -176,14 +195,11 @@ impl<'a> Insertion<'a> {
 
     /// Refuses a target that cannot be reached, as far as it is known before the start.
     fn check_target(&self, config: &Config) -> Result<(), Unreachable> {
-        let tip = (self.start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3))
-            .coords
-            + self.start.rotation * nalgebra::Vector3::z() * self.straight;
         let target = match config.target.kind {
             TargetKind::Stereo => {
                 (self.rig.bearings.world_from_left_camera * stereo_target(config)).coords()
             }
-            _ => nominal_target(config, &tip, &self.start),
+            _ => self.expected_target(config),
         };
         reachable_at_start(
             self.cycle.estimator(),
@@ -191,6 +207,20 @@ impl<'a> Insertion<'a> {
             self.cycle.limits(),
             Means::of_law(&config.run.law),
         )
+    }
+
+    /// The target as it lies before anything moves \[m\].
+    fn expected_target(&self, config: &Config) -> nalgebra::Vector3<f64> {
+        let ahead = config.needle.length_mm * 1e-3 + self.straight;
+        let tip = self.start * nalgebra::Point3::new(0.0, 0.0, ahead);
+        nominal_target(config, &tip.coords, &self.start)
+    }
+
+    /// Marks the tissue where the target is to be, so that its motion is known when it counts.
+    fn attach_marker(&self, config: &Config) {
+        if let (TargetKind::Marker, Some(world)) = (config.target.kind, &self.rig.world) {
+            world.attach_marker(&self.expected_target(config));
+        }
     }
 
     fn advance(
@@ -266,6 +296,11 @@ impl<'a> Insertion<'a> {
             return Ok(());
         }
         self.change_phase(config, now, state);
+        let marker = self
+            .rig
+            .world
+            .as_ref()
+            .and_then(SimulatedWorld::poll_marker);
         let dt = if since.is_finite() { since } else { PREDICTION };
         let begun = Instant::now();
         let telemetry = self.cycle.step(&Snapshot {
@@ -274,6 +309,7 @@ impl<'a> Insertion<'a> {
             arm: state,
             shape: sight.shape(),
             pair: sight.pair(),
+            marker,
             phase: self.phase,
         });
         self.rates = telemetry.joint_rates;
@@ -281,6 +317,9 @@ impl<'a> Insertion<'a> {
         self.last_law = Some(now);
         self.note_image(&sight);
         observer.inputs(state, sight.shape().or_else(|| self.tracked()));
+        if let Some(marker) = &marker {
+            observer.marker(marker);
+        }
         let telemetry = self.cycle.telemetry_mut();
         telemetry
             .law
@@ -310,6 +349,7 @@ impl<'a> Insertion<'a> {
         let wanted = match wish {
             Wish::Proceed if matches!(self.phase, Phase::Paused | Phase::Retracting) => {
                 self.cycle.resume();
+                self.progress.reset();
                 self.before_pause
             }
             Wish::Proceed => self.phase,
@@ -372,6 +412,13 @@ impl<'a> Insertion<'a> {
                 }
                 return target;
             }
+            (TargetKind::Marker, Some(world)) => {
+                let target = world
+                    .marker()
+                    .unwrap_or_else(|| self.expected_target(config));
+                world.watch(target);
+                target
+            }
             (_, Some(world)) => {
                 let target = nominal_target(config, &world.true_tip(), &self.start);
                 world.watch(target);
@@ -396,9 +443,12 @@ impl<'a> Insertion<'a> {
         if telemetry.axial_distance <= 0.0 {
             return Some(Ended::TargetPassed);
         }
-        self.reach
-            .update(now, &telemetry.law)
-            .map(Ended::Unreachable)
+        if let Some(shortfall) = self.reach.update(now, &telemetry.law) {
+            return Some(Ended::Unreachable(shortfall));
+        }
+        self.progress
+            .update(now, telemetry.axial_distance)
+            .map(Ended::NoProgress)
     }
 
     /// Stops and waits until the arm is at rest.

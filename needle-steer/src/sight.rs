@@ -9,6 +9,7 @@ use vision::track::{
     Context, FrameError, StereoTracker, TrackSettings, TrackSettingsError, Tracked,
 };
 
+use crate::bearings::Bearings;
 use crate::config::Config;
 
 /// Depth from which the needle can be seen in the tissue; above, the surface mirrors \[m\].
@@ -64,6 +65,16 @@ impl Sight {
             found: false,
             refused: None,
         })
+    }
+
+    /// The tracker of a run, where its cameras are known.
+    ///
+    /// # Errors
+    /// See [`Self::new`].
+    pub fn of(config: &Config, bearings: &Bearings) -> Result<Option<Self>, TrackSettingsError> {
+        let left_from_world = bearings.world_from_left_camera.inverse();
+        let new = |rig| Self::new(config, rig, left_from_world);
+        bearings.cameras.as_ref().map(new).transpose()
     }
 
     /// Tracks the needle in `pair`, taken with the base at `world_from_base`; `model` is the
@@ -128,7 +139,7 @@ impl Sight {
     }
 
     /// What the tracker made of the newest pair.
-    pub const fn tracked(&self) -> &Tracked {
+    pub fn tracked(&self) -> &Tracked {
         self.tracker.tracked()
     }
 
