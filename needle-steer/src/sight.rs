@@ -5,9 +5,7 @@ use hal::telemetry::Tracking;
 use hal::{SensedShape, StereoFrame, Transform};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use vision::StereoRig;
-use vision::track::{
-    Context, FrameError, StereoTracker, TrackSettings, TrackSettingsError, Tracked,
-};
+use vision::track::{Appearance, Context, FrameError, StereoTracker, TrackSettingsError, Tracked};
 
 use crate::bearings::Bearings;
 use crate::config::Config;
@@ -28,20 +26,12 @@ pub struct Sight {
     refused: Option<FrameError>,
 }
 
-/// Settings of the tracker for a configuration's needle.
-pub fn settings(config: &Config) -> TrackSettings {
-    let needle_diameter = config.needle.outer_diameter_mm * 1e-3;
-    let tracking = &config.tracking;
-    TrackSettings {
-        control_points: tracking.control_points,
-        normals: tracking.normals,
-        needle_diameter,
-        bevel_length: needle_diameter / config.needle.bevel_deg.to_radians().tan(),
-        lateral_drift_px: tracking.lateral_drift_px,
-        tip_drift_px: tracking.tip_drift_px,
-        systematic_px: tracking.systematic_px,
-        lost_after: tracking.lost_after,
-        ..TrackSettings::default()
+/// How the cameras see the needle of a configuration.
+pub fn appearance(config: &Config) -> Appearance {
+    let diameter = config.needle.outer_diameter_mm * 1e-3;
+    Appearance {
+        diameter,
+        bevel_length: diameter / config.needle.bevel_deg.to_radians().tan(),
     }
 }
 
@@ -56,7 +46,7 @@ impl Sight {
         left_from_world: Transform<LeftCamera, World>,
     ) -> Result<Self, TrackSettingsError> {
         Ok(Self {
-            tracker: StereoTracker::new(rig, &settings(config))?,
+            tracker: StereoTracker::new(rig, appearance(config), &config.tracking)?,
             left_from_world,
             entry: config.entry(),
             inward: config.inward(),
@@ -104,7 +94,7 @@ impl Sight {
             &Context {
                 base_motion,
                 insertion,
-                bevel_direction: Some(Unit::new_normalize(bevel)),
+                bevel: Some(bevel),
                 guess: Some(&self.guess),
             },
         );
@@ -139,7 +129,7 @@ impl Sight {
     }
 
     /// What the tracker made of the newest pair.
-    pub fn tracked(&self) -> &Tracked {
+    pub const fn tracked(&self) -> &Tracked {
         self.tracker.tracked()
     }
 

@@ -185,7 +185,10 @@ fn stereo_finds_made_up_cameras_and_refuses_by_name() {
     refused(&run(&left[..5], &right[..5], "9x6", "-1"), "--square-mm");
     refused(&run(&left[..5], &right[..4], "9x6", "20"), "--right 4");
     refused(&run(&left[..2], &right[..2], "9x6", "20"), "2 usable pairs");
-    refused(&run(&left[5..], &right[5..], "9x6", "20"), "degenerate views");
+    refused(
+        &run(&left[5..], &right[5..], "9x6", "20"),
+        "degenerate views",
+    );
     // Photographs of no board, until too few are left.
     let mut blank = format!("P5\n{WIDTH} {HEIGHT}\n255\n").into_bytes();
     blank.resize(blank.len() + WIDTH * HEIGHT, 128);

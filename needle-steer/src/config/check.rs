@@ -137,12 +137,10 @@ impl Config {
                 problem: format!("expected 640 or 1280, found {width}"),
             });
         }
-        crate::sight::settings(self)
-            .validate()
-            .map_err(|e| Invalid {
-                key: format!("tracking.{}", e.name),
-                problem: e.to_string(),
-            })?;
+        self.tracking.validate().map_err(|e| Invalid {
+            key: format!("tracking.{}", e.key),
+            problem: e.to_string(),
+        })?;
         crate::cameras::settings(self)
             .map_err(|e| e.to_string())
             .and_then(|settings| settings.validate().map_err(|e| e.to_string()))

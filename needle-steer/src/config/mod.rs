@@ -51,7 +51,7 @@ pub struct Config {
     /// The cameras, for the sensor `images`.
     pub cameras: Cameras,
     /// The tracker.
-    pub tracking: Tracking,
+    pub tracking: vision::track::TrackSettings,
     /// Changes to the phantom's preset: tables and keys as the preset has them.
     pub phantom: toml::Table,
 }
@@ -340,38 +340,6 @@ impl Default for Cameras {
         Self {
             width_px: 640,
             simulated: toml::Table::new(),
-        }
-    }
-}
-
-/// The tracker of the needle in images.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Tracking {
-    /// Control points of the curve: 4 (a cubic), 5 or 6.
-    pub control_points: usize,
-    /// Normals along which the shaft is measured.
-    pub normals: usize,
-    /// Unpredicted motion of the shaft across itself, one sigma an image \[px\].
-    pub lateral_drift_px: f64,
-    /// Unpredicted motion of the tip along the needle, one sigma an image \[px\].
-    pub tip_drift_px: f64,
-    /// Errors common to a whole curve, one sigma \[px\].
-    pub systematic_px: f64,
-    /// Images in a row without a measurement after which the needle is lost.
-    pub lost_after: u32,
-}
-
-impl Default for Tracking {
-    fn default() -> Self {
-        let settings = vision::track::TrackSettings::default();
-        Self {
-            control_points: settings.control_points,
-            normals: settings.normals,
-            lateral_drift_px: settings.lateral_drift_px,
-            tip_drift_px: settings.tip_drift_px,
-            systematic_px: settings.systematic_px,
-            lost_after: settings.lost_after,
         }
     }
 }

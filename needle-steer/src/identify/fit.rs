@@ -269,7 +269,7 @@ fn start(recording: &Recording, needle: &needle_model::Needle) -> Start {
     Start {
         length: needle.length(),
         bending_stiffness: needle.bending_stiffness(),
-        cutting_edge: crate::springs::bevel_length(&recording.config),
+        cutting_edge: springs::bevel_length(&recording.config),
         entry: hybrid_control::view::Entry {
             point: origin + axis * ((surface - origin).dot(&inward) / slope),
             inward,
