@@ -63,6 +63,7 @@ fn window(config: &Config, rig: &Rig, recording: &Recording, first: &ArmState) -
             dt: now.secs_since(before),
             arm,
             shape: shape.as_ref(),
+            pair: None,
             marker: None,
             phase: *phase,
         };

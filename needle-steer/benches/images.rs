@@ -3,12 +3,9 @@
 //! The steps are those of real insertions, timed one by one; the world and its cameras run
 //! between them and are not counted. Their quantiles are printed.
 #![expect(
-    missing_docs,
-    reason = "criterion's macros generate undocumented items"
-)]
-#![expect(
     clippy::disallowed_methods,
     clippy::print_stderr,
+    clippy::unwrap_used,
     reason = "a benchmark measures and reports"
 )]
 

@@ -22,7 +22,7 @@ pub const PREDICTION: f64 = 0.05;
 /// Straight start where no protocol gives one \[m\].
 const PRE_INSERTION: f64 = 5e-3;
 /// Straight insertion beyond the start by which the needle must have come into sight \[m\].
-const IN_SIGHT: f64 = 6e-3;
+const IN_SIGHT: f64 = 8e-3;
 /// Longest wait for the arm to come to rest.
 const REST: Duration = Duration::from_secs(1);
 /// Shortfall of reach that does not end a run \[m\].

@@ -11,7 +11,7 @@ use crate::bearings::Bearings;
 use crate::config::Config;
 
 /// Depth from which the needle can be seen in the tissue; above, the surface mirrors \[m\].
-const VISIBLE: f64 = 1.5e-3;
+const VISIBLE: f64 = 2.5e-3;
 
 /// The tracker and what it needs to remember of the arm.
 #[derive(Debug)]

@@ -33,7 +33,6 @@ fn calibrate(arguments: &[&str]) -> Output {
 /// Refused with exit 2 and a message that holds `named`.
 fn refused(output: &Output, named: &str) {
     let message = String::from_utf8_lossy(&output.stderr);
-    println!("{message}");
     assert_eq!(output.status.code(), Some(2), "{named}: {message}");
     assert!(message.contains(named), "{named}: {message}");
     assert!(output.stdout.is_empty());

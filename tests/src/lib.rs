@@ -8,4 +8,5 @@ mod equations;
 mod robustness;
 mod supervision;
 mod tidy;
+mod tracking;
 mod viper_contract;

@@ -1,6 +1,11 @@
 //! The tracker on pictures of a renderer of its own: solid slices splatted on a fine raster, a
 //! triangular point-spread function, a curved background, uniform noise. It shares nothing with
 //! the phantom's polygons.
+#![expect(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test reports, and fails where it cannot go on"
+)]
 
 #[path = "needle_pictures/mod.rs"]
 mod needle_pictures;
@@ -8,15 +13,16 @@ mod needle_pictures;
 use hal::telemetry::Tracking;
 use needle_pictures::{Needle, Scene, rig};
 use vision::camera::DistortedPx;
-use vision::track::{Context, FrameError, LossReason, StereoTracker, TrackSettings};
+use vision::track::{Appearance, Context, FrameError, StereoTracker, TrackSettings};
 
 const BEVEL: f64 = 1.57e-3;
 
-fn settings(bevel_length: f64) -> TrackSettings {
-    TrackSettings {
+fn tracker(scene: &Scene, bevel_length: f64) -> StereoTracker {
+    let needle = Appearance {
+        diameter: 0.7e-3,
         bevel_length,
-        ..TrackSettings::default()
-    }
+    };
+    StereoTracker::new(&scene.rig, needle, &TrackSettings::default()).unwrap()
 }
 
 /// Errors over a sequence.
@@ -35,17 +41,14 @@ impl Errors {
     fn add(&mut self, scene: &Scene, needle: &Needle, t: &vision::track::Tracked) {
         if t.status != Tracking::Tracked {
             self.missed += 1;
-            println!(
-                "  {}: {:?} {:?} misfit {:.1}",
-                t.shape.sequence, t.status, t.reason, t.misfit
-            );
+            println!("  {}: {:?} {:?}", t.shape.sequence, t.status, t.loss);
             return;
         }
         let truth = needle.point(needle.depth);
         let e = t.shape.tip.position.coords() - truth;
         let views = scene.rig.views();
-        for (v, c) in views.iter().zip([&t.left, &t.right]) {
-            let px = v.project(&truth).unwrap().0 - c.tip.0;
+        for (v, c) in views.iter().zip(&t.curves) {
+            let px = v.project(&truth).unwrap().0.coords - c.unwrap().tip();
             self.px += 0.5 * px.norm_squared();
         }
         self.space += e.norm_squared();
@@ -78,7 +81,7 @@ fn follow(
     bevel: f64,
     frames: u64,
 ) -> ([f64; 3], u32) {
-    let mut tracker = StereoTracker::new(&scene.rig, &settings(bevel)).unwrap();
+    let mut tracker = tracker(scene, bevel);
     let mut errors = Errors::default();
     let step = 0.1e-3;
     for k in 0..frames {
@@ -86,7 +89,7 @@ fn follow(
         let guess = needle.guess();
         let context = Context {
             insertion: Some(step),
-            bevel_direction: Some(needle.bevel_direction()),
+            bevel: Some(needle.bevel_direction().into_inner()),
             guess: Some(&guess),
             ..Context::default()
         };
@@ -98,7 +101,7 @@ fn follow(
 }
 
 #[test]
-fn nominal_scenes_are_followed_to_a_tenth_of_a_pixel() {
+fn nominal_scenes_are_followed_to_hundredths_of_a_pixel() {
     let scene = Scene::new(rig(640), 1);
     let ([px, mm, nees], missed) = follow(
         "flat, cubic",
@@ -108,11 +111,9 @@ fn nominal_scenes_are_followed_to_a_tenth_of_a_pixel() {
         40,
     );
     assert_eq!(missed, 0);
-    // Measured here: 0.099 px, 0.018 mm. The 0.08 px asked for on the phantom's images is not reached
-    // on this raster, whose subpixels are 0.25 px wide.
-    assert!(px <= 0.12 && mm <= 0.03, "{px} px, {mm} mm");
-    // Three degrees of freedom over 40 correlated images.
-    assert!((0.2..2.0).contains(&nees), "{nees}");
+    assert!(px <= 0.08 && mm <= 0.03, "{px} px, {mm} mm");
+    // These pictures have no highlights and little noise, for which the tracker allows.
+    assert!((0.05..2.0).contains(&nees), "{nees}");
 }
 
 #[test]
@@ -147,7 +148,7 @@ fn starts_by_itself_and_by_clicks() {
         let pair = scene.pair(&needle, 0);
         let truth = needle.point(needle.depth);
         for clicks in [false, true] {
-            let mut tracker = StereoTracker::new(&scene.rig, &settings(0.0)).unwrap();
+            let mut tracker = tracker(&scene, 0.0);
             if clicks {
                 let ends = scene.rig.views().map(|v| {
                     [0.1, 0.98].map(|s| {
@@ -162,7 +163,7 @@ fn starts_by_itself_and_by_clicks() {
             println!(
                 "{width}, clicks {clicks}: {:?} {:?} {:.4} mm",
                 tracked.status,
-                tracked.reason,
+                tracked.loss,
                 e * 1e3
             );
             assert_eq!(tracked.status, Tracking::Tracked);
@@ -175,7 +176,7 @@ fn starts_by_itself_and_by_clicks() {
 fn blank_frames_are_named_noticed_and_survived() {
     let scene = Scene::new(rig(640), 5);
     let mut needle = Needle::bent(0.045, 0.0, 0.3);
-    let mut tracker = StereoTracker::new(&scene.rig, &settings(0.0)).unwrap();
+    let mut tracker = tracker(&scene, 0.0);
     let step = 0.05e-3;
     let mut lost_at = None;
     for k in 0..20_u64 {
@@ -201,7 +202,7 @@ fn blank_frames_are_named_noticed_and_survived() {
                 status,
                 Tracking::Tracked,
                 "{k}: {:?}",
-                tracker.tracked().reason
+                tracker.tracked().loss
             );
         }
         needle.depth += step;
@@ -213,13 +214,13 @@ fn blank_frames_are_named_noticed_and_survived() {
 fn a_pair_without_a_needle_is_lost_within_three() {
     let scene = Scene::new(rig(640), 6);
     let needle = Needle::bent(0.045, 0.0, 0.3);
-    let mut tracker = StereoTracker::new(&scene.rig, &settings(0.0)).unwrap();
+    let mut tracker = tracker(&scene, 0.0);
     tracker
         .track(&scene.pair(&needle, 0), &Context::default())
         .unwrap();
     for k in 1..=3 {
         let t = tracker.track(&scene.empty(k), &Context::default()).unwrap();
-        assert_eq!(t.reason, Some(LossReason::LeftShaft));
+        assert!(t.loss.is_some() && t.status != Tracking::Tracked);
         assert_eq!(t.status == Tracking::Lost, k == 3);
     }
 }
@@ -229,7 +230,7 @@ fn a_tip_that_jumps_is_found_again_within_three() {
     let scene = Scene::new(rig(640), 7);
     for jump in [3e-3, -3e-3] {
         let mut needle = Needle::bent(0.045, 0.0, 0.3);
-        let mut tracker = StereoTracker::new(&scene.rig, &settings(0.0)).unwrap();
+        let mut tracker = tracker(&scene, 0.0);
         let context = Context {
             insertion: Some(0.0),
             ..Context::default()
@@ -251,12 +252,12 @@ fn a_tip_that_jumps_is_found_again_within_three() {
 #[test]
 fn pairs_that_do_not_fit_are_named() {
     let scene = Scene::new(rig(640), 8);
-    let mut tracker = StereoTracker::new(&scene.rig, &settings(0.0)).unwrap();
+    let mut tracker = tracker(&scene, 0.0);
     let needle = Needle::bent(0.045, 0.0, 0.3);
     let mut pair = scene.pair(&needle, 5);
     pair.right.stamp = hal::Stamp::from_secs(1.0);
     let e = tracker.track(&pair, &Context::default()).unwrap_err();
-    assert!(matches!(e, FrameError::OutOfSync { .. }));
+    assert!(matches!(e, FrameError::Apart { .. }));
     let other = Scene::new(rig(1280), 8).pair(&needle, 5);
     let e = tracker.track(&other, &Context::default()).unwrap_err();
     assert!(matches!(
@@ -268,8 +269,13 @@ fn pairs_that_do_not_fit_are_named() {
         }
     ));
     let bad = TrackSettings {
-        needle_diameter: f64::NAN,
+        blur_px: f64::NAN,
         ..TrackSettings::default()
     };
-    assert!(StereoTracker::new(&scene.rig, &bad).is_err());
+    let needle = Appearance {
+        diameter: 0.7e-3,
+        bevel_length: 0.0,
+    };
+    let e = StereoTracker::new(&scene.rig, needle, &bad).unwrap_err();
+    assert_eq!(e.key, "blur_px");
 }

@@ -114,9 +114,9 @@ pub enum PlantKind {
 #[serde(rename_all = "lowercase")]
 pub enum SensorKind {
     /// The needle tracked in stereo images.
+    #[default]
     Images,
     /// Needle shapes from the phantom's fast sensor.
-    #[default]
     Shape,
 }
 
@@ -151,7 +151,7 @@ impl Default for Run {
         Self {
             law: "hybrid".into(),
             backend: Backend::Sim,
-            sensor: SensorKind::Shape,
+            sensor: SensorKind::Images,
             phantom: "paper".into(),
             plant: PlantKind::Phantom,
             seed: 1,

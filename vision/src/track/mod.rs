@@ -342,6 +342,7 @@ impl StereoTracker {
                 width: 3.0,
                 bevel_px: 0.0,
                 side: None,
+                rim_px: 0.0,
             };
         };
         let sight = view.ray(px).map_or_else(Vector3::z, |ray| ray.direction);
@@ -349,8 +350,10 @@ impl StereoTracker {
             .and_then(|axis| axis.cross(&sight).try_normalize(1e-6))
             .or_else(|| sight.cross(&Vector3::x()).try_normalize(1e-6))
             .unwrap_or_else(Vector3::y);
+        let width = (jacobian * across).norm() * self.needle.diameter;
         Look {
-            width: (jacobian * across).norm() * self.needle.diameter,
+            width,
+            rim_px: axis.map_or(0.0, |axis| 0.5 * width * axis.dot(&sight).abs()),
             bevel_px: axis.map_or_else(
                 || (jacobian * across).norm(),
                 |axis| (jacobian * axis).norm(),
@@ -395,8 +398,14 @@ impl StereoTracker {
             }
         }
         let outcome = self.first_curve().and_then(|mut curve| {
-            let outcome = self.fuse(&mut curve, 12);
-            outcome.map(|()| curve)
+            self.fuse(&mut curve, 12)?;
+            let plausible =
+                clicked.is_some() || context.guess.is_none_or(|guess| resembles(&curve, guess));
+            if plausible {
+                Ok(curve)
+            } else {
+                Err(Loss::NotFound)
+            }
         });
         match outcome {
             Ok(curve) => {
@@ -487,11 +496,18 @@ impl StereoTracker {
         let axis = Unit::new_normalize(slope);
         let bend = curve.slope_covariance(1.0) / slope.norm_squared();
         let turning = bend.trace() - axis.dot(&(bend * axis.into_inner()));
+        // Errors that stay from image to image, such as of the surface's edge, turn a short
+        // visible shaft by much.
+        let visible = self.images.iter().filter_map(ImageTracker::filter);
+        let shortest = visible
+            .map(|filter| filter.curve().length())
+            .fold(f64::INFINITY, f64::min);
+        let common = self.settings.direction_floor_px * self.images[0].scale() / shortest.max(1.0);
         shape.tip = SensedTip {
             position: Position::new(curve.at(1.0).into()),
             covariance: curve.point_covariance(1.0),
             direction: axis,
-            direction_sigma: (0.5 * turning).max(0.0).sqrt(),
+            direction_sigma: (0.5 * turning).max(0.0).sqrt().hypot(common),
         };
         let point = curve.at(1.0)
             + context.bevel.map_or_else(Vector3::zeros, |bevel| {
@@ -499,6 +515,31 @@ impl StereoTracker {
             });
         self.tracked.point = Position::new(point.into());
     }
+}
+
+/// Whether a curve found near a guess can be the needle that was guessed: its tip, its direction
+/// and most of its length.
+fn resembles(curve: &Curve3, guess: &[Point3<f64>]) -> bool {
+    /// Distance of the tips \[m\].
+    const TIP: f64 = 3e-3;
+    /// Cosine of the angle between the axes, 14 deg.
+    const AXIS: f64 = 0.97;
+    /// Share of the guessed length.
+    const SHARE: f64 = 0.6;
+    let (Some(first), Some(last)) = (guess.first(), guess.last()) else {
+        return false;
+    };
+    let (start, tip) = (curve.at(0.0), curve.at(1.0));
+    let chord = last - first;
+    let found = tip - start;
+    let turned = curve.derivative(1.0).normalize();
+    let end = guess.windows(2).last().map_or(chord, |w| match w {
+        [a, b] => b - a,
+        _ => chord,
+    });
+    (tip - last.coords).norm() < TIP
+        && turned.dot(&end.normalize()) > AXIS
+        && found.norm() > SHARE * chord.norm()
 }
 
 /// Displacement of each control point by the base's motion: across the needle, fading with the

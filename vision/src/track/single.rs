@@ -42,6 +42,8 @@ pub(super) struct Look {
     pub bevel_px: f64,
     /// See [`super::silhouette::TipView::side`].
     pub side: Option<f64>,
+    /// See [`super::silhouette::TipView::rim_px`].
+    pub rim_px: f64,
 }
 
 /// Tracker of one camera.
@@ -294,6 +296,7 @@ impl ImageTracker {
                 reach,
                 bevel_px: look.bevel_px,
                 side: look.side,
+                rim_px: look.rim_px,
                 blur: self.settings.blur_px * self.scale,
             };
             tip::find(image, &self.background, &curve, &search).filter(|fix| fix.misfit < MISFIT)

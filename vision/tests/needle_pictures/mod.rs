@@ -3,6 +3,9 @@
     dead_code,
     unreachable_pub,
     clippy::allow_attributes,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    clippy::large_types_passed_by_value,
     reason = "each test and bench uses a part"
 )]
 
