@@ -1,12 +1,14 @@
 //! Whether an insertion gets on: a law that only moves to and fro ends with a verdict.
 
+use std::time::Duration;
+
 use hal::Stamp;
 
 /// Approach that counts as progress \[m\].
 const STEP: f64 = 0.2e-3;
-/// Longest time without progress \[s\]: three times what `hybrid` may spend on slowing down at a
+/// Longest time without progress: three times what `hybrid` may spend on slowing down at a
 /// tenth of the nominal speed, and many turns of the bevel.
-const PATIENCE: f64 = 60.0;
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Watches the distance to the target's plane.
 #[derive(Clone, Copy, Debug, Default)]
@@ -22,8 +24,8 @@ impl Progress {
         match self.nearest {
             // NaN is no progress.
             Some((nearest, since)) if ahead.is_nan() || ahead > nearest - STEP => {
-                let waited = now.secs_since(since);
-                (waited > PATIENCE).then_some(waited)
+                let waited = now.since(since);
+                (waited > PATIENCE).then_some(waited.as_secs_f64())
             }
             _ => {
                 self.nearest = Some((ahead, now));
