@@ -15,6 +15,7 @@ pub mod springs;
 pub mod odometry;
 pub mod withdrawal;
 pub mod run;
+mod aim;
 pub mod controls;
 pub mod rig;
 pub mod world;

@@ -8,7 +8,7 @@ use hal::Stamp;
 const STEP: f64 = 0.2e-3;
 /// Longest time without progress: three times what `hybrid` may spend on slowing down at a
 /// tenth of the nominal speed, and many turns of the bevel.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Watches the distance to the target's plane.
 #[derive(Clone, Copy, Debug, Default)]

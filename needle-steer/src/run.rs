@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
 
+use crate::aim::{nominal_target, stereo_target};
 use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, SeenMarker, Snapshot, base_pose};
@@ -13,7 +14,7 @@ use crate::progress::Progress;
 use crate::rig::{Rig, RigBuildError, Sighting};
 use crate::sight::Sight;
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
-use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
+use crate::world::{SimulatedWorld, in_stereo_frame};
 use hybrid_control::view::Law;
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 
@@ -176,7 +177,7 @@ impl<'a> Insertion<'a> {
             .as_ref()
             .map_or(PRE_INSERTION, SimulatedWorld::pre_insertion);
         Self {
-            supervisor: Supervisor::new(bounds(config), rig.clock.now()),
+            supervisor: Supervisor::new(Bounds::of(config), rig.clock.now()),
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
             progress: Progress::default(),
@@ -490,45 +491,4 @@ impl<'a> Insertion<'a> {
             log: None,
         }
     }
-}
-
-fn bounds(config: &Config) -> Bounds {
-    let s = &config.supervisor;
-    let ms = |value: f64| Duration::from_secs_f64(value * 1e-3);
-    Bounds {
-        tissue_stretch: s.tissue_stretch_mm * 1e-3,
-        entry_force: s.entry_force_n,
-        axis: (config.entry(), config.inward()),
-        workspace_radius: s.workspace_radius_mm * 1e-3,
-        image_hold: ms(s.image_hold_ms),
-        image_stop: ms(s.image_stop_ms),
-        encoder_stop: ms(s.encoder_stop_ms),
-        dead_man: (s.dead_man_ms > 0.0).then(|| ms(s.dead_man_ms)),
-    }
-}
-
-fn stereo_target(config: &Config) -> Position<hal::frame::LeftCamera> {
-    let [x, y, z] = config.target.position_mm.map(|v| v * 1e-3);
-    Position::new(nalgebra::Point3::new(x, y, z))
-}
-
-/// Aligned or shifted target from a tip and the holder's pose, World \[m\].
-fn nominal_target(
-    config: &Config,
-    tip: &nalgebra::Vector3<f64>,
-    world_from_holder: &nalgebra::Isometry3<f64>,
-) -> nalgebra::Vector3<f64> {
-    let t = &config.target;
-    let offset = if t.kind == TargetKind::Aligned {
-        0.0
-    } else {
-        t.offset_mm * 1e-3
-    };
-    place_target(
-        tip,
-        &hal::Transform::assume(*world_from_holder),
-        t.depth_mm * 1e-3,
-        offset,
-        t.angle_deg.to_radians(),
-    )
 }
