@@ -3,7 +3,7 @@
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, FaultReason, SensedShape, ShapeSensor};
 use nalgebra::{Point3, Vector3};
-use needle_steer::config::{Config, TargetKind};
+use needle_steer::config::{Config, SensorKind, TargetKind};
 use needle_steer::controls::{Controls, Wish};
 use needle_steer::outcome::{Ended, Summary};
 use needle_steer::rig::{Eyes, Rig};
@@ -16,6 +16,7 @@ fn short_insertion() -> Config {
     let mut config = Config::default();
     config.run.phantom = "ideal".into();
     config.run.law = "none".into();
+    config.run.sensor = SensorKind::Shape;
     config.target.kind = TargetKind::Aligned;
     config.target.depth_mm = 20.0;
     config
