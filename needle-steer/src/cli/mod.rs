@@ -7,6 +7,7 @@ mod emulate;
 mod model;
 mod reproduce;
 mod run;
+mod track;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -35,6 +36,8 @@ enum Command {
     /// Camera calibration and registration.
     #[command(subcommand)]
     Calibrate(calibrate::CalibrateCommand),
+    /// The needle in recorded pairs of images: a JSON line a frame.
+    Track(track::TrackArgs),
     /// Emulated hardware.
     #[command(subcommand)]
     Emulate(emulate::EmulateCommand),
@@ -121,6 +124,7 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Reproduce(args) => return reproduce::execute(&args),
         Command::Shape(args) => return model::shape(&args),
         Command::Calibrate(command) => return calibrate::execute(&command),
+        Command::Track(args) => return track::execute(&args),
         Command::Emulate(command) => return emulate::execute(&command),
         Command::Fk(args) => return arm::fk(&args),
         Command::Ik(args) => return arm::ik(&args),
