@@ -2,8 +2,12 @@
 //!
 //! The steps are those of real insertions, timed one by one; the world and its cameras run
 //! between them and are not counted. Their quantiles are printed.
-#![expect(missing_docs, reason = "criterion's macros generate undocumented items")]
-#![expect(clippy::unwrap_used, reason = "a failed run is a failed benchmark")]
+#![expect(
+    clippy::disallowed_methods,
+    clippy::print_stderr,
+    clippy::unwrap_used,
+    reason = "a benchmark measures and reports"
+)]
 
 use std::collections::VecDeque;
 use std::hint::black_box;
@@ -87,7 +91,9 @@ fn cycle_step(c: &mut Criterion) {
             .map_or(f64::NAN, |d| d.as_secs_f64() * 1e6)
     };
     let (count, p50, p99, most) = (all.len(), at(0.5), at(0.99), at(1.0));
-    eprintln!("cycle_step/1280: {count} steps, p50 {p50:.0} us, p99 {p99:.0} us, most {most:.0} us");
+    eprintln!(
+        "cycle_step/1280: {count} steps, p50 {p50:.0} us, p99 {p99:.0} us, most {most:.0} us"
+    );
 }
 
 fn closed_loop(c: &mut Criterion) {
@@ -96,7 +102,10 @@ fn closed_loop(c: &mut Criterion) {
     let begun = Instant::now();
     let summary = insertion(&config, &mut Stopwatch::default());
     let ratio = summary.duration_s / begun.elapsed().as_secs_f64();
-    eprintln!("closed_loop/images: {} in {:.1} s of the needle's time, {ratio:.1} times real time", summary.ended, summary.duration_s);
+    eprintln!(
+        "closed_loop/images: {} in {:.1} s of the needle's time, {ratio:.1} times real time",
+        summary.ended, summary.duration_s
+    );
     group.sample_size(10);
     group.bench_function(BenchmarkId::from_parameter("images"), |b| {
         b.iter(|| black_box(insertion(&config, &mut Stopwatch::default())));

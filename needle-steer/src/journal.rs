@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use hal::telemetry::Telemetry;
-use hal::{ArmState, RateCommand, SensedShape};
-use rosbridge::log::{Log, Overflow, Record, RunInfo, WriteError};
+use hal::telemetry::{Phase, Telemetry};
+use hal::{ArmState, Position, RateCommand, SensedShape, Stamp};
+use rosbridge::log::{Level, Log, Overflow, Record, RunInfo, WriteError};
 
 use crate::config::Config;
-use crate::cycle::Bearings;
+use crate::cycle::{Bearings, SeenMarker};
+use crate::outcome::Summary;
 use crate::run::Observer;
 
 /// Writes a run's log as it goes. A failing disk never disturbs the run: the first error is kept
@@ -17,6 +18,7 @@ use crate::run::Observer;
 pub struct Journal {
     log: Log,
     error: Option<WriteError>,
+    phase: Phase,
 }
 
 impl Journal {
@@ -29,7 +31,7 @@ impl Journal {
         let info = RunInfo {
             config: toml::to_string(config)?,
             seed: config.run.seed,
-            versions: BTreeMap::from([label("needle-steer", env!("CARGO_PKG_VERSION"))]),
+            versions: BTreeMap::from([label("needle-steer", crate::VERSION)]),
             labels: BTreeMap::from([
                 label("law", &config.run.law),
                 label("phantom", &config.run.phantom),
@@ -40,12 +42,33 @@ impl Journal {
         Ok(Self {
             log: Log::create(file, &info, Overflow::Wait)?,
             error: None,
+            phase: Phase::Idle,
         })
     }
 
     fn write(&mut self, record: impl Into<Record>) {
         if self.error.is_none() {
             self.error = self.log.write(record).err();
+        }
+    }
+
+    /// How the run ended, as a note and as the document `summary.json`.
+    pub fn result(&mut self, stamp: Stamp, summary: &Summary) {
+        let level = if summary.ended.is_success() {
+            Level::Info
+        } else {
+            Level::Error
+        };
+        self.write(Record::Note {
+            stamp,
+            level,
+            text: summary.ended.to_string(),
+        });
+        if let Ok(text) = serde_json::to_string(summary) {
+            self.write(Record::Document {
+                name: "summary.json".into(),
+                text,
+            });
         }
     }
 
@@ -61,7 +84,45 @@ impl Journal {
     }
 }
 
+/// Word with which the note of a marker begins.
+const MARKER: &str = "marker";
+
+/// A marker's measurement as a note: nanoseconds, position and deviation in metres. Debug output
+/// of a float is the shortest text that reads back as the same bits.
+fn marker_note(marker: &SeenMarker) -> String {
+    let p = marker.position.point();
+    let (x, y, z, sigma) = (p.x, p.y, p.z, marker.sigma);
+    format!(
+        "{MARKER} {} {x:?} {y:?} {z:?} {sigma:?}",
+        marker.stamp.as_nanos()
+    )
+}
+
+/// The marker that a note tells of, if it does.
+pub fn marker_of(note: &str) -> Option<SeenMarker> {
+    let mut words = note.strip_prefix(MARKER)?.split_whitespace();
+    let stamp = Stamp::from_nanos(words.next()?.parse().ok()?);
+    let mut number = || words.next()?.parse::<f64>().ok();
+    Some(SeenMarker {
+        stamp,
+        position: Position::new(nalgebra::Point3::new(number()?, number()?, number()?)),
+        sigma: number()?,
+    })
+}
+
 impl Observer for Journal {
+    fn marker(&mut self, marker: &SeenMarker) {
+        self.write(Record::Note {
+            stamp: marker.stamp,
+            level: Level::Info,
+            text: marker_note(marker),
+        });
+    }
+
+    fn start(&mut self, arm: &ArmState) {
+        self.write(*arm);
+    }
+
     fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
         self.write(*arm);
         if let Some(shape) = shape {
@@ -70,10 +131,36 @@ impl Observer for Journal {
     }
 
     fn step(&mut self, telemetry: &Telemetry) {
+        if telemetry.phase != self.phase {
+            self.phase = telemetry.phase;
+            self.write(Record::Note {
+                stamp: telemetry.stamp,
+                level: Level::Info,
+                text: format!("phase: {:?}", telemetry.phase),
+            });
+        }
         self.write(telemetry.clone());
     }
 
     fn command(&mut self, command: &RateCommand) {
         self.write(*command);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_marker_survives_its_note_bit_by_bit() {
+        let marker = SeenMarker {
+            stamp: Stamp::from_nanos(123_456_789_012),
+            position: Position::new(nalgebra::Point3::new(0.1 + 0.2, -0.0, 1e-300)),
+            sigma: 0.05e-3,
+        };
+        let read = marker_of(&marker_note(&marker)).unwrap();
+        assert_eq!(read, marker);
+        assert!(read.position.point().y.is_sign_negative());
+        assert!(marker_of("phase: Steering").is_none() && marker_of("marker 1 2").is_none());
     }
 }

@@ -3,23 +3,25 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use hal::frame::{ArmBase, LeftCamera, World};
+use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::{
     Arm, Clock, Recorded, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform,
 };
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
-use phantom::{Bench, SettingsError, bench::Setup};
+use phantom::{Bench, Draw, Plant, SettingsError, bench::Setup};
 use robots::arms;
 use robots::kinematics::{Chain, Turns, UrdfError};
 use robots::sim::{SimError, SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 
-use crate::clock::LockstepClock;
 use crate::cameras;
-use crate::config::{Backend, Config, SensorKind, ViperDialect};
+use crate::clock::LockstepClock;
+use crate::config::{Backend, Config, PlantKind, SensorKind, ViperDialect};
 use crate::cycle::Bearings;
+use crate::springs::SpringsError;
+use crate::twin::TwinPlant;
 use crate::world::{Body, SimulatedWorld};
 
 /// Ticks of the simulated world.
@@ -82,6 +84,9 @@ pub enum RigBuildError {
     /// The guard's limits.
     #[error("guard: {0}")]
     Guard(#[from] LimiterError),
+    /// The controller's model as the plant.
+    #[error("plant: {0}")]
+    Twin(#[from] SpringsError),
     /// A device.
     #[error(transparent)]
     Device(#[from] hal::Error),
@@ -200,15 +205,18 @@ impl Rig {
         let stereo_from_world = *stereo.stereo_from_world();
         let registered = stereo.given().left_from_world;
         let calibrated = images.then(|| cameras::calibrated(stereo.given()));
-        let bench = Bench::new(
-            &settings,
-            &Setup {
-                world_from_phantom: world_from_entry,
-                world_from_base: Transform::assume(start),
-                left_from_world: stereo_from_world,
-                seed: config.run.seed,
-            },
-        )?;
+        let setup = Setup {
+            world_from_phantom: world_from_entry,
+            world_from_base: Transform::assume(start),
+            left_from_world: stereo_from_world,
+            seed: config.run.seed,
+        };
+        let bench = match config.run.plant {
+            PlantKind::Phantom => Bench::new(&settings, &setup)?,
+            PlantKind::Model => Bench::with_plant(&settings, &setup, |true_base| {
+                twin(config, &settings, true_base)
+            })?,
+        };
         let bench = if images {
             bench.with_cameras(stereo)
         } else {
@@ -217,7 +225,13 @@ impl Rig {
 
         let (driver, body, simulated_arm) = arm(config, &chain, &joints)?;
         let period = driver.description().period;
-        let world = SimulatedWorld::new(body, chain.clone(), world_from_arm_base, bench, stereo_from_world);
+        let world = SimulatedWorld::new(
+            body,
+            chain.clone(),
+            world_from_arm_base,
+            bench,
+            stereo_from_world,
+        );
         let moved = world.clone();
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
         let guard =
@@ -272,6 +286,22 @@ impl core::fmt::Debug for Rig {
     }
 }
 
+/// The controller's own model in the phantom's place.
+fn twin(
+    config: &Config,
+    settings: &phantom::Settings,
+    world_from_base: &Transform<World, NeedleBase>,
+) -> Result<Box<dyn Plant>, RigBuildError> {
+    let draw = Draw::new(settings, config.run.seed);
+    let nominal = settings.tip.cut_angle_deg.to_radians();
+    Ok(Box::new(TwinPlant::new(
+        config,
+        &draw,
+        nominal,
+        world_from_base,
+    )?))
+}
+
 /// An arm's driver, what moves in the simulated world, and the simulated arm if it is one.
 type ArmParts = (Box<dyn Arm>, Box<dyn Body>, Option<SimulatedArm>);
 
@@ -318,6 +348,22 @@ pub fn chain(config: &Config) -> Result<Chain, RigBuildError> {
     let xml = std::fs::read_to_string(&file)
         .map_err(|source| RigBuildError::UrdfFile { file, source })?;
     Ok(Chain::from_urdf(&xml, link)?)
+}
+
+/// Where things stand for a controller on `config`, with the stereo frame as registered.
+///
+/// # Errors
+/// As [`chain`].
+pub fn bearings(
+    config: &Config,
+    world_from_left_camera: Transform<World, LeftCamera>,
+) -> Result<Bearings, RigBuildError> {
+    Ok(Bearings {
+        chain: chain(config)?,
+        world_from_arm_base: arm_place(config),
+        world_from_left_camera,
+        cameras: None,
+    })
 }
 
 fn arm_place(config: &Config) -> Transform<World, ArmBase> {

@@ -7,10 +7,11 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use vision::StereoRig;
 use vision::track::{Appearance, Context, FrameError, StereoTracker, TrackSettingsError, Tracked};
 
+use crate::bearings::Bearings;
 use crate::config::Config;
 
 /// Depth from which the needle can be seen in the tissue; above, the surface mirrors \[m\].
-const VISIBLE: f64 = 1.5e-3;
+const VISIBLE: f64 = 2.5e-3;
 
 /// The tracker and what it needs to remember of the arm.
 #[derive(Debug)]
@@ -54,6 +55,16 @@ impl Sight {
             found: false,
             refused: None,
         })
+    }
+
+    /// The tracker of a run, where its cameras are known.
+    ///
+    /// # Errors
+    /// See [`Self::new`].
+    pub fn of(config: &Config, bearings: &Bearings) -> Result<Option<Self>, TrackSettingsError> {
+        let left_from_world = bearings.world_from_left_camera.inverse();
+        let new = |rig| Self::new(config, rig, left_from_world);
+        bearings.cameras.as_ref().map(new).transpose()
     }
 
     /// Tracks the needle in `pair`, taken with the base at `world_from_base`; `model` is the

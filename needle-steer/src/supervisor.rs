@@ -7,6 +7,8 @@ use hal::{ArmMode, ArmState, FaultReason, Stamp};
 use nalgebra::{Point3, Unit, Vector3};
 use serde::Serialize;
 
+use crate::config::Config;
+
 /// Bounds in SI units.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bounds {
@@ -26,6 +28,24 @@ pub struct Bounds {
     pub encoder_stop: Duration,
     /// Dead-man's token refreshed longer ago: stop the run; without, no token is asked for.
     pub dead_man: Option<Duration>,
+}
+
+impl Bounds {
+    /// The bounds of a configuration.
+    pub fn of(config: &Config) -> Self {
+        let s = &config.supervisor;
+        let ms = |value: f64| Duration::from_secs_f64(value * 1e-3);
+        Self {
+            tissue_stretch: s.tissue_stretch_mm * 1e-3,
+            entry_force: s.entry_force_n,
+            axis: (config.entry(), config.inward()),
+            workspace_radius: s.workspace_radius_mm * 1e-3,
+            image_hold: ms(s.image_hold_ms),
+            image_stop: ms(s.image_stop_ms),
+            encoder_stop: ms(s.encoder_stop_ms),
+            dead_man: (s.dead_man_ms > 0.0).then(|| ms(s.dead_man_ms)),
+        }
+    }
 }
 
 /// Why the supervisor stopped the run; latched until the run ends.

@@ -12,6 +12,8 @@ use phantom::Bench;
 use phantom::experiment::Passing;
 use robots::kinematics::Chain;
 
+use crate::cycle::SeenMarker;
+
 /// What moves in the world: an arm whose true joints can be read at any time.
 pub trait Body: Send {
     /// Moves the arm on to `stamp` and answers its true joints.
@@ -117,6 +119,26 @@ impl SimulatedWorld {
         self.lock().bench.truth().tip()
     }
 
+    /// Marks the tissue that is at `place` now (World \[m\]).
+    pub fn attach_marker(&self, place: &Vector3<f64>) {
+        self.lock().bench.attach_marker(place);
+    }
+
+    /// Where the marker is in truth, World \[m\]; nothing where none is attached.
+    pub fn marker(&self) -> Option<Vector3<f64>> {
+        self.lock().bench.marker()
+    }
+
+    /// The marker as the sensor delivers it, if there is something new.
+    pub fn poll_marker(&self) -> Option<SeenMarker> {
+        let seen = self.lock().bench.poll_marker()?;
+        Some(SeenMarker {
+            stamp: seen.stamp,
+            position: seen.position,
+            sigma: seen.sigma,
+        })
+    }
+
     /// Starts to keep the score against a true target in World \[m\].
     pub fn watch(&self, target: Vector3<f64>) {
         self.lock().score = Some(Score {
@@ -195,6 +217,10 @@ impl Score {
             return;
         }
         self.last = Some(truth.stamp);
+        if let Some(marker) = bench.marker() {
+            self.target = marker;
+            self.passing.follow(marker);
+        }
         self.passed = self.passing.observe(truth);
         self.max_stretch = self.max_stretch.max(truth.max_stretch);
         self.sum_stretch += truth.mean_stretch;

@@ -5,6 +5,7 @@ mod arm_contract;
 mod arrows;
 mod calibration_truth;
 mod equations;
+mod robustness;
 mod supervision;
 mod tidy;
 mod tracking;

@@ -5,7 +5,7 @@
 //! * [`calibrate`]: from corners to a rig with covariance.
 //! * [`report`]: a calibration as an HTML page.
 //! * [`register`]: the cameras in the laboratory.
-//! * [`track`]: the needle in images.
+//! * [`track`]: the needle in stereo images.
 //! * [`files`]: calibrations and images on disk.
 #![cfg_attr(
     test,

@@ -3,14 +3,18 @@
 
 mod arm;
 mod calibrate;
+mod campaign;
 mod emulate;
+mod estimate;
 mod model;
+mod replay;
+mod report;
 mod reproduce;
 mod run;
 mod track;
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -19,7 +23,7 @@ use crate::config;
 
 /// Steers a flexible bevel-tip needle to a target.
 #[derive(Debug, Parser)]
-#[command(name = "needle-steer", version, propagate_version = true)]
+#[command(name = "needle-steer", version = crate::VERSION, propagate_version = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -31,6 +35,16 @@ enum Command {
     Run(run::RunArgs),
     /// The paper's four experiments over seeds: Table I beside the paper's values.
     Reproduce(reproduce::ReproduceArgs),
+    /// Monte-Carlo over laws, phantoms, targets and seeds, resumable and in shards.
+    Campaign(campaign::CampaignArgs),
+    /// A recorded run's measurements through this build: the same commands, bit for bit?
+    Replay(replay::ReplayArgs),
+    /// Where two recorded runs part.
+    Diff(replay::DiffArgs),
+    /// One HTML page of a run, a campaign or the paper's experiments; needs no network.
+    Report(report::ReportArgs),
+    /// Stiffness, tip load and natural curvature of one's own needle from recorded insertions.
+    Estimate(estimate::EstimateArgs),
     /// Equilibrium of the needle model for a given state, as JSON.
     Shape(model::ShapeArgs),
     /// Camera calibration and registration.
@@ -66,6 +80,8 @@ enum Command {
 enum ConfigCommand {
     /// The commented default configuration.
     Default,
+    /// Every key with its default and meaning, as Markdown.
+    Reference,
 }
 
 /// Runs the program.
@@ -93,6 +109,17 @@ pub fn main() -> ExitCode {
 #[error("{0}")]
 struct Usage(String);
 
+/// An input file that cannot be used, with all causes in one line.
+fn unusable(file: &Path, error: impl Into<anyhow::Error>) -> Usage {
+    let text = format!("{:#}", error.into());
+    let name = file.display().to_string();
+    Usage(if text.contains(&name) {
+        text
+    } else {
+        format!("{name}: {text}")
+    })
+}
+
 /// One JSON document on stdout.
 fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
     let mut stdout = std::io::stdout().lock();
@@ -116,12 +143,44 @@ fn report(error: &anyhow::Error) {
         .join("\n  caused by: ");
     // Nothing can be done about a closed stderr.
     let _ = writeln!(stderr, "error: {text}");
+    if let Some(excerpt) = error.downcast_ref().and_then(excerpt) {
+        let _ = write!(stderr, "{excerpt}");
+    }
+}
+
+/// The line of a configuration that an error is about, marked.
+fn excerpt(error: &config::ConfigError) -> Option<String> {
+    let (origin, key) = match error {
+        config::ConfigError::Syntax { origin, .. } => (origin, None),
+        config::ConfigError::Key { origin, key, .. } => (origin, key.rsplit('.').next()),
+        _ => return None,
+    };
+    let config::Origin::File { file, line } = origin else {
+        return None;
+    };
+    let text = std::fs::read_to_string(file).ok()?;
+    let shown = text.lines().nth(line.checked_sub(1)?)?.trim_end();
+    let start = key.and_then(|key| shown.find(key)).unwrap_or(0);
+    let width = key
+        .filter(|key| shown.contains(key))
+        .map_or(shown.len(), str::len);
+    let margin = " ".repeat(line.to_string().len());
+    Some(format!(
+        " {margin} |\n {line} | {shown}\n {margin} | {}{}\n",
+        " ".repeat(start),
+        "^".repeat(width.max(1))
+    ))
 }
 
 fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Command::Run(args) => return run::execute(&args),
         Command::Reproduce(args) => return reproduce::execute(&args),
+        Command::Campaign(args) => return campaign::execute(&args),
+        Command::Replay(args) => return replay::execute(&args),
+        Command::Diff(args) => return replay::execute_diff(&args),
+        Command::Report(args) => return report::execute(&args),
+        Command::Estimate(args) => return estimate::execute(&args),
         Command::Shape(args) => return model::shape(&args),
         Command::Calibrate(command) => return calibrate::execute(&command),
         Command::Track(args) => return track::execute(&args),
@@ -136,6 +195,11 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
             which: ConfigCommand::Default,
         } => {
             std::io::stdout().write_all(config::DEFAULT_TOML.as_bytes())?;
+        }
+        Command::Config {
+            which: ConfigCommand::Reference,
+        } => {
+            std::io::stdout().write_all(crate::reference::page().as_bytes())?;
         }
         Command::Completions { shell } => {
             clap_complete::generate(

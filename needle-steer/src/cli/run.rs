@@ -8,7 +8,7 @@ use std::sync::Arc;
 use anyhow::Context;
 use clap::Args;
 use hal::telemetry::Telemetry;
-use hal::{ArmState, RateCommand, SensedShape};
+use hal::{ArmState, RateCommand, SensedShape, Stamp};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::print_json;
@@ -104,6 +104,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let mut recorder = Recorder::new(&config, journal);
     let mut summary = run(&config, &mut rig, &mut recorder, &interrupt)?;
     recorder.progress.finish_and_clear();
+    if let (Some(journal), Some(last)) = (&mut recorder.journal, recorder.last) {
+        journal.result(last, &summary);
+    }
     let logged = recorder.journal.take().map_or(Ok(()), Journal::finish);
     summary.log = log.map(|file| file.display().to_string());
     if let Some(out) = &out {
@@ -133,7 +136,16 @@ fn next_folder(config: &Config) -> Option<PathBuf> {
         let parent = Path::new("out");
         std::fs::create_dir_all(parent)?;
         let taken = std::fs::read_dir(parent)?
-            .filter_map(|entry| entry.ok()?.file_name().to_str()?.split('-').next()?.parse().ok())
+            .filter_map(|entry| {
+                entry
+                    .ok()?
+                    .file_name()
+                    .to_str()?
+                    .split('-')
+                    .next()?
+                    .parse()
+                    .ok()
+            })
             .max()
             .unwrap_or(0_u32);
         let folder = parent.join(format!("{:03}-{name}", taken + 1));
@@ -163,6 +175,7 @@ struct Recorder {
     journal: Option<Journal>,
     rows: Vec<Row>,
     first: Option<Telemetry>,
+    last: Option<Stamp>,
     progress: ProgressBar,
     depth_mm: f64,
 }
@@ -179,6 +192,7 @@ impl Recorder {
             journal,
             rows: Vec::new(),
             first: None,
+            last: None,
             progress,
             depth_mm,
         }
@@ -186,6 +200,12 @@ impl Recorder {
 }
 
 impl Observer for Recorder {
+    fn start(&mut self, arm: &ArmState) {
+        if let Some(journal) = &mut self.journal {
+            journal.start(arm);
+        }
+    }
+
     fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
         if let Some(journal) = &mut self.journal {
             journal.inputs(arm, shape);
@@ -202,6 +222,7 @@ impl Observer for Recorder {
         if let Some(journal) = &mut self.journal {
             journal.step(telemetry);
         }
+        self.last = Some(telemetry.stamp);
         let first = self.first.get_or_insert_with(|| telemetry.clone());
         self.rows.push(Row::new(telemetry, first));
         if telemetry.step % 15 == 1 {

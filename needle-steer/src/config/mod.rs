@@ -44,6 +44,8 @@ pub struct Config {
     pub limits: hybrid_control::Limits,
     /// The estimator of path, bevel, disturbance and stiffness.
     pub estimator: hybrid_control::EstimatorSettings,
+    /// Motion of the tissue, where the target is a marker.
+    pub motion: hybrid_control::MotionSettings,
     /// The laws.
     pub law: hybrid_control::LawSettings,
     /// The cameras, for the sensor `images`.
@@ -96,14 +98,25 @@ pub enum Backend {
     Viper,
 }
 
+/// What stands for the patient in simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PlantKind {
+    /// The phantom: other physics than the controller's model.
+    #[default]
+    Phantom,
+    /// The controller's own springs model, with the phantom's robot flaws and sensors.
+    Model,
+}
+
 /// What closes the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SensorKind {
     /// The needle tracked in stereo images.
+    #[default]
     Images,
     /// Needle shapes from the phantom's fast sensor.
-    #[default]
     Shape,
 }
 
@@ -119,6 +132,8 @@ pub struct Run {
     pub sensor: SensorKind,
     /// Preset of the phantom.
     pub phantom: String,
+    /// What stands for the patient in simulation.
+    pub plant: PlantKind,
     /// Seed of everything random.
     pub seed: u64,
     /// Nominal speed along the needle \[mm/s\].
@@ -136,8 +151,9 @@ impl Default for Run {
         Self {
             law: "hybrid".into(),
             backend: Backend::Sim,
-            sensor: SensorKind::Shape,
+            sensor: SensorKind::Images,
             phantom: "paper".into(),
+            plant: PlantKind::Phantom,
             seed: 1,
             insertion_speed_mm_s: 1.0,
             max_duration_s: 600.0,
@@ -158,6 +174,9 @@ pub enum TargetKind {
     Shifted,
     /// At `position_mm` in the stereo frame.
     Stereo,
+    /// As `shifted` from where the straight start is expected to end, then carried by the tissue:
+    /// a marker whose motion is measured and fed forward.
+    Marker,
 }
 
 /// Where to go. Depth and offset count from the tip at the end of the straight pre-insertion.

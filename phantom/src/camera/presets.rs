@@ -7,7 +7,7 @@ use super::settings::{
 use crate::settings::merge;
 
 impl CameraSettings {
-    /// The cameras that belong to a preset of the phantom ([`crate::PRESETS`]).
+    /// The cameras that belong to a preset of the phantom ([`crate::settings::PRESETS`]).
     ///
     /// # Errors
     /// No preset has this name.

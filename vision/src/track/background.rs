@@ -2,6 +2,11 @@
 //!
 //! Cameras and gel stand still, so bubbles, dirt and uneven light are learned and divided out.
 //! Where nothing was learned the background is even, and profiles bring their own base line.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
 
 use hal::GrayImage;
 use nalgebra::Vector2;
@@ -10,6 +15,8 @@ use nalgebra::Vector2;
 const UNSEEN: f32 = 200.0;
 /// Darker than this the background shows nothing \[grey\].
 const DARK: f32 = 24.0;
+/// Darker than this, relative to the background, may be a needle.
+const NO_NEEDLE: f32 = 0.8;
 /// Images after which a pixel's mean changes no more quickly.
 const MEMORY: u32 = 32;
 
@@ -70,7 +77,11 @@ impl Background {
             let mean = self.grey.get_mut(row + left..row + right);
             let seen = image.pixels().get(row + left..row + right);
             for (mean, grey) in mean.into_iter().flatten().zip(seen.into_iter().flatten()) {
-                *mean += (f32::from(*grey) - *mean) / 12.0;
+                // Should the needle be there after all, it is not learned.
+                let grey = f32::from(*grey);
+                if grey > NO_NEEDLE * *mean {
+                    *mean += (grey - *mean) / 12.0;
+                }
             }
         }
     }

@@ -46,7 +46,7 @@ pub(super) struct Offset {
     /// Unit direction of the line.
     pub direction: Vector2<f64>,
     /// Measured displacement from the predicted curve \[px\].
-    pub offset: f64,
+    pub value: f64,
     /// Variance of the measurement \[px2\].
     pub variance: f64,
 }
@@ -73,7 +73,14 @@ impl CurveFilter {
             pull: State::zeros(),
         };
         let length = curve.length();
-        filter.loosen(&[loose, loose, 0.02 * length, 0.01 * length, 0.003 * length, 0.003 * length]);
+        filter.loosen(&[
+            loose,
+            loose,
+            0.02 * length,
+            0.01 * length,
+            0.003 * length,
+            0.003 * length,
+        ]);
         filter
     }
 
@@ -82,7 +89,10 @@ impl CurveFilter {
     fn loosen(&mut self, sigmas: &[f64; MOST]) {
         let last = (self.count - 1) as f64;
         for (power, sigma) in sigmas.iter().enumerate().take(self.count) {
-            let mode = |i: usize| (2.0 * i as f64 / last - 1.0).powi(power as i32);
+            let mode = |i: usize| {
+                let place = 2.0 * i as f64 / last - 1.0;
+                (0..power).fold(1.0, |product, _| product * place)
+            };
             for i in 0..self.count {
                 for j in 0..self.count {
                     let term = sigma * sigma * mode(i) * mode(j);
@@ -114,8 +124,12 @@ impl CurveFilter {
         let length = before.derivative(1.0).norm().max(1.0);
         if let (Some((advance, sigma)), true) = (change.advance, change.dt > 0.0) {
             self.state[SPEED] = advance / change.dt;
-            self.covariance.fixed_view_mut::<1, STATES>(SPEED, 0).fill(0.0);
-            self.covariance.fixed_view_mut::<STATES, 1>(0, SPEED).fill(0.0);
+            self.covariance
+                .fixed_view_mut::<1, STATES>(SPEED, 0)
+                .fill(0.0);
+            self.covariance
+                .fixed_view_mut::<STATES, 1>(0, SPEED)
+                .fill(0.0);
             self.covariance[(SPEED, SPEED)] = (sigma / change.dt).powi(2);
         }
         let growth = self.state[SPEED] * change.dt / length;
@@ -186,6 +200,7 @@ impl CurveFilter {
     /// Adds measurements, each weighted, to `base` (of [`Self::begin`]) and solves; answers the
     /// change of the state. The filter itself stays as it is.
     pub(super) fn solve(&self, offsets: &[Offset], shares: &[f64]) -> Option<(State, Covariance)> {
+        // Of the symmetric sum the lower half is filled, which is what is factored.
         let mut information = self.information;
         let mut pull = self.pull;
         for (offset, share) in offsets.iter().zip(shares) {
@@ -201,13 +216,13 @@ impl CurveFilter {
             let used = 2 * self.count;
             for a in 0..used {
                 let wa = weight * row[a];
-                pull[a] += wa * offset.offset;
+                pull[a] += wa * offset.value;
                 for b in 0..=a {
                     information[(a, b)] += wa * row[b];
                 }
             }
         }
-        let cholesky = lower_cholesky(information)?;
+        let cholesky = nalgebra::Cholesky::new(information)?;
         let covariance = cholesky.inverse();
         Some((covariance * pull, covariance))
     }
@@ -227,7 +242,7 @@ impl CurveFilter {
         }
         let cross = self.covariance * row;
         let gain = cross / (row.dot(&cross) + offset.variance);
-        self.state += gain * offset.offset;
+        self.state += gain * offset.value;
         self.covariance -= gain * cross.transpose();
         self.covariance = 0.5 * (self.covariance + self.covariance.transpose());
     }
@@ -245,9 +260,4 @@ impl CurveFilter {
         }
         self.covariance += outward * outward.transpose();
     }
-}
-
-/// Cholesky factor of a matrix of which the lower half is filled.
-fn lower_cholesky(matrix: Covariance) -> Option<nalgebra::Cholesky<f64, nalgebra::Const<STATES>>> {
-    nalgebra::Cholesky::new(matrix)
 }

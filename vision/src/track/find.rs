@@ -2,6 +2,11 @@
 //!
 //! Dark bands of the needle's width are found in every few rows and columns and linked to the
 //! chain that is darkest and smooth; the chain's free end is the tip.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
 
 use hal::GrayImage;
 use nalgebra::Vector2;
@@ -164,7 +169,11 @@ fn link(band: &mut Band, line: usize, found: &[Vec<Band>], step: f64) {
             let score = before.score + band.darkness - 0.5 * penalty * band.darkness;
             if score > band.score {
                 band.score = score;
-                band.slope = if fresh { slope } else { 0.5 * (slope + before.slope) };
+                band.slope = if fresh {
+                    slope
+                } else {
+                    0.5 * (slope + before.slope)
+                };
                 band.before = Some((line - skipped, k));
             }
         }

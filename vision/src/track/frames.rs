@@ -13,7 +13,9 @@ const TOGETHER: f64 = 5e-3;
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum FrameError {
     /// An image is not of the size that the calibration is for.
-    #[error("the {side} image is {width} x {height}, the calibration is for {expected_width} x {expected_height}")]
+    #[error(
+        "the {side} image is {width} x {height}, the calibration is for {expected_width} x {expected_height}"
+    )]
     Size {
         /// Which image.
         side: &'static str,

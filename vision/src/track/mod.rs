@@ -6,11 +6,13 @@
 //! give one curve in space, through the container's windows, with its covariance
 //! \[Chevrie2016, section IV.A\]. `docs/TRACKING.md` explains it.
 
+mod answer;
 mod background;
 mod curve;
 mod filter;
 mod find;
 mod frames;
+mod geometry;
 mod section;
 mod settings;
 mod silhouette;
@@ -18,79 +20,29 @@ mod single;
 mod space;
 mod tip;
 
+pub use answer::{Context, Loss, Tracked};
 pub use curve::Curve2;
 pub use frames::FrameError;
 pub use settings::{Appearance, TrackSettings, TrackSettingsError};
 pub use single::Flaw;
 
-use hal::frame::LeftCamera;
 use hal::telemetry::Tracking;
-use hal::{GrayImage, Position, SensedPoint, SensedShape, SensedTip, Stamp, StereoFrame};
-use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Unit, Vector2, Vector3};
+use hal::{GrayImage, Position, SensedPoint, SensedTip, Stamp, StereoFrame};
+use nalgebra::{Matrix2, Point3, Unit, Vector2, Vector3};
 
 use crate::camera::{DistortedPx, StereoRig, View, triangulate};
+use answer::{POINTS, unseen};
 use curve::MOST;
 use filter::Change;
+use geometry::{base_shifts, resembles, scene};
 use single::{ImageTracker, Look};
 use space::Curve3;
 
-/// Points of the shaft that are handed on.
-const POINTS: usize = 24;
-/// Depth into the tissue over which a motion of the base fades \[m\].
-const FADE: f64 = 0.03;
 /// Disagreement of the two tips along the needle beyond which they are not of one needle \[px\],
 /// in images 640 wide; calibrations of careful laboratories stay below a pixel.
 const EPIPOLAR: f64 = 2.5;
 /// How far from a guess the needle is sought \[px\], in images 640 wide.
 const AROUND_GUESS: f64 = 14.0;
-
-/// What is known of the needle when a pair arrives.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Context<'a> {
-    /// Rigid motion of the needle's base since the previous pair, in the stereo frame.
-    pub base_motion: Option<Isometry3<f64>>,
-    /// Advance along the needle since the previous pair \[m\]; without, it is estimated.
-    pub insertion: Option<f64>,
-    /// Direction in which the bevel's point lies off the axis, in the stereo frame; without, it
-    /// is found in the images.
-    pub bevel: Option<Vector3<f64>>,
-    /// The needle as predicted, from where it comes into sight to its tip, in the stereo frame;
-    /// used to start and after losses. Empty: not in sight yet. Without, images are searched.
-    pub guess: Option<&'a [Point3<f64>]>,
-}
-
-/// Why the needle is not tracked.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Loss {
-    /// It was not found yet, or not again.
-    NotFound,
-    /// In the left image.
-    Left(Flaw),
-    /// In the right image.
-    Right(Flaw),
-    /// The images disagree about the tip, by so much along the needle \[px\].
-    Disagreement {
-        /// Half the difference \[px\].
-        px: f64,
-    },
-    /// Rays of the two images do not meet in a needle.
-    NoCurve,
-}
-
-/// The tracker's answer to a pair.
-#[derive(Clone, Debug)]
-pub struct Tracked {
-    /// Whether the needle was measured, carried on by prediction, or lost.
-    pub status: Tracking,
-    /// What is wrong, if it was not measured.
-    pub loss: Option<Loss>,
-    /// Shape in space; as last known if the needle is lost.
-    pub shape: SensedShape,
-    /// The sharp point, where a bevel is modelled and its turn known; else O.
-    pub point: Position<LeftCamera>,
-    /// Curves in the left and the right image; nothing before the first start.
-    pub curves: [Option<Curve2>; 2],
-}
 
 /// Tracks a needle in pairs of images.
 #[derive(Clone, Debug)]
@@ -121,9 +73,8 @@ impl StereoTracker {
         settings.validate()?;
         needle.validate()?;
         let views = rig.views();
-        let image = |view: &View| {
-            ImageTracker::new(view.camera.width, view.camera.height, settings)
-        };
+        let image =
+            |view: &View| ImageTracker::new(view.camera.width, view.camera.height, settings);
         Ok(Self {
             settings: settings.clone(),
             needle,
@@ -294,7 +245,11 @@ impl StereoTracker {
         for k in 0..2 {
             let look = self.look(k, &tip, Some(&axis), context);
             if let Err(wrong) = self.images[k].follow(images[k], &changes[k], &look) {
-                flaw = flaw.or(Some(if k == 0 { Loss::Left(wrong) } else { Loss::Right(wrong) }));
+                flaw = flaw.or(Some(if k == 0 {
+                    Loss::Left(wrong)
+                } else {
+                    Loss::Right(wrong)
+                }));
             }
         }
         let outcome = match flaw {
@@ -339,17 +294,18 @@ impl StereoTracker {
                 width: 3.0,
                 bevel_px: 0.0,
                 side: None,
+                rim_px: 0.0,
             };
         };
-        let sight = view
-            .ray(px)
-            .map_or_else(Vector3::z, |ray| ray.direction);
+        let sight = view.ray(px).map_or_else(Vector3::z, |ray| ray.direction);
         let across = axis
             .and_then(|axis| axis.cross(&sight).try_normalize(1e-6))
             .or_else(|| sight.cross(&Vector3::x()).try_normalize(1e-6))
             .unwrap_or_else(Vector3::y);
+        let width = (jacobian * across).norm() * self.needle.diameter;
         Look {
-            width: (jacobian * across).norm() * self.needle.diameter,
+            width,
+            rim_px: axis.map_or(0.0, |axis| 0.5 * width * axis.dot(&sight).abs()),
             bevel_px: axis.map_or_else(
                 || (jacobian * across).norm(),
                 |axis| (jacobian * axis).norm(),
@@ -394,8 +350,14 @@ impl StereoTracker {
             }
         }
         let outcome = self.first_curve().and_then(|mut curve| {
-            let outcome = self.fuse(&mut curve, 12);
-            outcome.map(|()| curve)
+            self.fuse(&mut curve, 12)?;
+            let plausible =
+                clicked.is_some() || context.guess.is_none_or(|guess| resembles(&curve, guess));
+            if plausible {
+                Ok(curve)
+            } else {
+                Err(Loss::NotFound)
+            }
         });
         match outcome {
             Ok(curve) => {
@@ -486,73 +448,23 @@ impl StereoTracker {
         let axis = Unit::new_normalize(slope);
         let bend = curve.slope_covariance(1.0) / slope.norm_squared();
         let turning = bend.trace() - axis.dot(&(bend * axis.into_inner()));
+        // Errors that stay from image to image, such as of the surface's edge, turn a short
+        // visible shaft by much.
+        let visible = self.images.iter().filter_map(ImageTracker::filter);
+        let shortest = visible
+            .map(|filter| filter.curve().length())
+            .fold(f64::INFINITY, f64::min);
+        let common = self.settings.direction_floor_px * self.images[0].scale() / shortest.max(1.0);
         shape.tip = SensedTip {
             position: Position::new(curve.at(1.0).into()),
             covariance: curve.point_covariance(1.0),
             direction: axis,
-            direction_sigma: (0.5 * turning).max(0.0).sqrt(),
+            direction_sigma: (0.5 * turning).max(0.0).sqrt().hypot(common),
         };
         let point = curve.at(1.0)
             + context.bevel.map_or_else(Vector3::zeros, |bevel| {
                 axis.into_inner() * self.needle.bevel_length + bevel * (0.5 * self.needle.diameter)
             });
         self.tracked.point = Position::new(point.into());
-    }
-}
-
-/// Displacement of each control point by the base's motion: across the needle, fading with the
-/// depth into the tissue, which holds the needle.
-fn base_shifts(curve: &Curve3, motion: Option<Isometry3<f64>>) -> [Vector3<f64>; MOST] {
-    let mut shifts = [Vector3::zeros(); MOST];
-    let Some(motion) = motion else {
-        return shifts;
-    };
-    let points = curve.control_points();
-    let Some(first) = points.first() else {
-        return shifts;
-    };
-    for (i, (shift, point)) in shifts.iter_mut().zip(points).enumerate() {
-        let t = i as f64 / (points.len() - 1) as f64;
-        let axis = curve.derivative(t).normalize();
-        let moved = motion * Point3::from(*point) - Point3::from(*point);
-        let across = moved - axis * axis.dot(&moved);
-        *shift = across * (0.5 * (-(point - first).norm() / FADE).exp());
-    }
-    shifts
-}
-
-/// Where the two cameras' axes come nearest to each other; far ahead if they are parallel.
-fn scene(views: &[View; 2]) -> Vector3<f64> {
-    let back = views[1].camera_from_left.inverse();
-    let (a, b) = (Vector3::z(), back.rotation * Vector3::z());
-    let offset = back.translation.vector;
-    let parallel = a.cross(&b).norm_squared();
-    if parallel < 0.03 {
-        return a * (5.0 * offset.norm());
-    }
-    // Least distance between the lines s a and offset + r b.
-    let along = a.dot(&b);
-    let s = (offset.dot(&a) - along * offset.dot(&b)) / parallel;
-    let r = (along * offset.dot(&a) - offset.dot(&b)) / parallel;
-    0.5 * (a * s + offset + b * r)
-}
-
-fn unseen() -> Tracked {
-    Tracked {
-        status: Tracking::None,
-        loss: Some(Loss::NotFound),
-        shape: SensedShape {
-            stamp: Stamp::ZERO,
-            sequence: 0,
-            points: Vec::with_capacity(POINTS),
-            tip: SensedTip {
-                position: Position::new(Point3::origin()),
-                covariance: Matrix3::identity(),
-                direction: Vector3::z_axis(),
-                direction_sigma: core::f64::consts::PI,
-            },
-        },
-        point: Position::new(Point3::origin()),
-        curves: [None; 2],
     }
 }

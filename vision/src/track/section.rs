@@ -1,4 +1,9 @@
 //! The needle in one line across it: where its middle is and how well that is known.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
 
 use hal::GrayImage;
 use nalgebra::Vector2;
@@ -113,7 +118,9 @@ pub(super) fn cross(
     if steepness < 1e-3 {
         return None;
     }
-    let noise = f64::from(profile.scatter).min(3.0 * expected.noise).max(expected.noise);
+    let noise = f64::from(profile.scatter)
+        .min(3.0 * expected.noise)
+        .max(expected.noise);
     Some(Section {
         offset: 0.5 * (left.at + right.at) - reach as f64,
         sigma: noise / steepness * core::f64::consts::FRAC_1_SQRT_2,
@@ -125,7 +132,11 @@ pub(super) fn cross(
 /// Middle of the window of `width` samples that is darkest, near ones first: of all windows
 /// nearly as dark as the darkest, the one nearest to the line's middle.
 fn peak(darkness: &[f32], width: usize, reach: usize) -> Option<f64> {
-    let sums = |k: usize| darkness.get(k..k + width).map_or(0.0, |w| w.iter().sum::<f32>());
+    let sums = |k: usize| {
+        darkness
+            .get(k..k + width)
+            .map_or(0.0, |w| w.iter().sum::<f32>())
+    };
     let last = darkness.len().checked_sub(width + 1)?;
     let most = (1..last).map(sums).fold(0.0, f32::max);
     let offset = 0.5 * (width - 1) as f64;
@@ -135,7 +146,11 @@ fn peak(darkness: &[f32], width: usize, reach: usize) -> Option<f64> {
             here > 0.7 * most && here >= sums(k - 1) && here >= sums(k + 1)
         })
         .map(|k| k as f64 + offset)
-        .min_by(|a, b| (a - reach as f64).abs().total_cmp(&(b - reach as f64).abs()))
+        .min_by(|a, b| {
+            (a - reach as f64)
+                .abs()
+                .total_cmp(&(b - reach as f64).abs())
+        })
 }
 
 /// Darkest sample within `half` of `middle`.
@@ -163,10 +178,7 @@ fn crossing(darkness: &[f32], start: f64, step: f64, level: f32) -> Option<Cross
         if k < 0.0 || next < 0.0 {
             return None;
         }
-        let (here, there) = (
-            *darkness.get(k as usize)?,
-            *darkness.get(next as usize)?,
-        );
+        let (here, there) = (*darkness.get(k as usize)?, *darkness.get(next as usize)?);
         if there < level {
             if here < level {
                 // Began outside the dark part: no needle of this width here.

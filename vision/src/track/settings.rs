@@ -37,6 +37,9 @@ pub struct TrackSettings {
     pub normal_floor_px: f64,
     /// The same of the tip along its axis \[px\].
     pub tip_floor_px: f64,
+    /// Error of the tip's direction that stays from image to image, across the whole visible
+    /// length \[px\].
+    pub direction_floor_px: f64,
     /// Blur of the images, as a Gaussian \[px\].
     pub blur_px: f64,
 }
@@ -47,12 +50,13 @@ impl Default for TrackSettings {
             control_points: 4,
             normals: 60,
             search_px: 12.0,
-            visible_px: 8.0,
+            visible_px: 12.0,
             lost_after: 3,
             shaft_walk_px: 0.10,
             advance_sigma_px: 0.15,
             normal_floor_px: 0.05,
             tip_floor_px: 0.06,
+            direction_floor_px: 1.0,
             blur_px: 0.9,
         }
     }
@@ -78,7 +82,12 @@ impl TrackSettings {
     /// # Errors
     /// The first setting outside its range.
     pub fn validate(&self) -> Result<(), TrackSettingsError> {
-        within("control_points", self.control_points as f64, 4.0, MOST as f64)?;
+        within(
+            "control_points",
+            self.control_points as f64,
+            4.0,
+            MOST as f64,
+        )?;
         within("normals", self.normals as f64, 20.0, 200.0)?;
         within("search_px", self.search_px, 4.0, 24.0)?;
         within("visible_px", self.visible_px, 6.0, 200.0)?;
@@ -87,6 +96,7 @@ impl TrackSettings {
         within("advance_sigma_px", self.advance_sigma_px, 1e-3, 5.0)?;
         within("normal_floor_px", self.normal_floor_px, 1e-3, 1.0)?;
         within("tip_floor_px", self.tip_floor_px, 1e-3, 2.0)?;
+        within("direction_floor_px", self.direction_floor_px, 0.0, 10.0)?;
         within("blur_px", self.blur_px, 0.3, 5.0)
     }
 }

@@ -1,4 +1,11 @@
 //! Tracking in one image.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
+
+mod begin;
 
 use hal::GrayImage;
 use nalgebra::Vector2;
@@ -37,6 +44,8 @@ pub(super) struct Look {
     pub bevel_px: f64,
     /// See [`super::silhouette::TipView::side`].
     pub side: Option<f64>,
+    /// See [`super::silhouette::TipView::rim_px`].
+    pub rim_px: f64,
 }
 
 /// Tracker of one camera.
@@ -136,7 +145,12 @@ impl ImageTracker {
     }
 
     /// Takes one image in.
-    pub(super) fn follow(&mut self, image: &GrayImage, change: &Change, look: &Look) -> Result<(), Flaw> {
+    pub(super) fn follow(
+        &mut self,
+        image: &GrayImage,
+        change: &Change,
+        look: &Look,
+    ) -> Result<(), Flaw> {
         let start = self.start_parameter();
         let Some(mut filter) = self.filter.take() else {
             return Err(Flaw::Shaft);
@@ -182,7 +196,13 @@ impl ImageTracker {
                 contrast: self.contrast,
                 noise: self.noise,
             };
-            let section = cross(image, &self.background, curve.sum(&row), direction, &expected);
+            let section = cross(
+                image,
+                &self.background,
+                curve.sum(&row),
+                direction,
+                &expected,
+            );
             let Some(Section {
                 offset,
                 sigma,
@@ -198,7 +218,7 @@ impl ImageTracker {
             self.offsets.push(Offset {
                 weights: row,
                 direction,
-                offset,
+                value: offset,
                 variance: sigma * sigma + floor * floor,
             });
         }
@@ -242,7 +262,11 @@ impl ImageTracker {
             let scale = (1.4826 * *median).max(1.0);
             for (share, offset) in self.shares.iter_mut().zip(&self.offsets) {
                 let x = residual(offset, &solution.0) / (TUKEY * scale);
-                *share = if x.abs() < 1.0 { (1.0 - x * x).powi(2) } else { 0.0 };
+                *share = if x.abs() < 1.0 {
+                    (1.0 - x * x).powi(2)
+                } else {
+                    0.0
+                };
                 // Residuals larger than their stated noise say that it is larger.
                 *share /= scale * scale;
             }
@@ -255,12 +279,18 @@ impl ImageTracker {
     }
 
     /// Finds the tip and updates the filter.
-    fn tip(&mut self, image: &GrayImage, filter: &mut CurveFilter, look: &Look) -> Result<(), Flaw> {
+    fn tip(
+        &mut self,
+        image: &GrayImage,
+        filter: &mut CurveFilter,
+        look: &Look,
+    ) -> Result<(), Flaw> {
         let curve = filter.curve();
         let end = weights(self.settings.control_points, 1.0);
         let tangent = curve.derivative(1.0).normalize();
         let doubt = filter.variance(&end, &tangent);
-        let near = (4.0 * doubt.sqrt() + 1.5 * self.scale).min(self.settings.search_px * self.scale);
+        let near =
+            (4.0 * doubt.sqrt() + 1.5 * self.scale).min(self.settings.search_px * self.scale);
         let wide = self.settings.search_px * self.scale;
         let seek = |reach: f64| {
             let search = TipSearch {
@@ -268,6 +298,7 @@ impl ImageTracker {
                 reach,
                 bevel_px: look.bevel_px,
                 side: look.side,
+                rim_px: look.rim_px,
                 blur: self.settings.blur_px * self.scale,
             };
             tip::find(image, &self.background, &curve, &search).filter(|fix| fix.misfit < MISFIT)
@@ -278,7 +309,7 @@ impl ImageTracker {
         let offset = Offset {
             weights: end,
             direction: tangent,
-            offset: fix.shift,
+            value: fix.shift,
             variance: fix.sigma * fix.sigma + floor * floor,
         };
         let place = curve.tip() + tangent * fix.shift;
@@ -306,146 +337,6 @@ impl ImageTracker {
         self.background
             .refresh(image, curve.tip() + tangent * ahead, half);
     }
-
-    /// Begins along `line`, from where the needle comes into sight to about its tip \[px\]; the
-    /// needle is sought up to `reach` from it, and beyond its end.
-    pub(super) fn start(
-        &mut self,
-        image: &GrayImage,
-        line: &[Vector2<f64>],
-        reach: f64,
-        look: &Look,
-    ) -> Result<(), Flaw> {
-        let first = self.along(image, line, reach, look).ok_or(Flaw::Shaft)?;
-        let curve = self.extent(image, &first, look).ok_or(Flaw::Tip)?;
-        if curve.length() < self.settings.visible_px * self.scale {
-            return Err(Flaw::Shaft);
-        }
-        if self.background.images() == 0 {
-            self.background.learn(image);
-        }
-        self.paint_out(&curve, look);
-        let mut filter = CurveFilter::new(&curve, 3.0 * self.scale);
-        self.bad = 1;
-        self.jumped = None;
-        self.shaft(image, &mut filter, look)?;
-        filter.free_tip(self.settings.search_px * self.scale);
-        self.tip(image, &mut filter, look)?;
-        if filter.curve().length() < self.settings.visible_px * self.scale {
-            return Err(Flaw::Shaft);
-        }
-        let curve = filter.curve();
-        self.gate = (curve.at(0.0), curve.derivative(0.0).normalize());
-        self.bad = 0;
-        self.filter = Some(filter);
-        Ok(())
-    }
-
-    /// A smooth curve through the shaft near `line`.
-    fn along(
-        &mut self,
-        image: &GrayImage,
-        line: &[Vector2<f64>],
-        reach: f64,
-        look: &Look,
-    ) -> Option<Curve2> {
-        let count = self.settings.control_points;
-        let mut points = [Vector2::zeros(); super::curve::MOST];
-        for (i, point) in points.iter_mut().enumerate().take(count) {
-            *point = on_line(line, i as f64 / (count - 1) as f64)?;
-        }
-        let guess = Curve2::new(count, points);
-        let mut filter = CurveFilter::new(&guess, reach);
-        self.offsets.clear();
-        for k in 0..self.settings.normals {
-            let t = (k as f64 + 0.5) / self.settings.normals as f64;
-            let tangent = guess.derivative(t).try_normalize(1e-6)?;
-            let direction = Vector2::new(-tangent.y, tangent.x);
-            let expected = Expected {
-                width: look.width,
-                reach,
-                contrast: self.contrast,
-                noise: self.noise,
-            };
-            let section = cross(image, &self.background, guess.at(t), direction, &expected);
-            if let Some(section) = section {
-                self.offsets.push(Offset {
-                    weights: weights(count, t),
-                    direction,
-                    offset: section.offset,
-                    // Loose, so that smooth misfits of the guess are no outliers.
-                    variance: self.scale * self.scale,
-                });
-            }
-        }
-        if self.offsets.len() < SURVIVORS.1 {
-            return None;
-        }
-        let solution = self.robust(&mut filter)?;
-        filter.accept(solution);
-        Some(filter.curve())
-    }
-
-    /// The part of `curve`, prolonged, that shows a needle.
-    fn extent(&self, image: &GrayImage, curve: &Curve2, look: &Look) -> Option<Curve2> {
-        let length = curve.length();
-        let step = 1.0 / length;
-        let expected = Expected {
-            width: look.width,
-            reach: 2.0 * self.scale,
-            contrast: self.contrast,
-            noise: self.noise,
-        };
-        let seen = |t: f64| {
-            let tangent = curve.derivative(t).normalize();
-            let direction = Vector2::new(-tangent.y, tangent.x);
-            cross(image, &self.background, curve.at(t), direction, &expected).is_some()
-        };
-        let patience = (8.0 * self.scale) as u32;
-        // A little before the line, too: a model may have the needle too short.
-        let mut t = -6.0 * self.scale * step;
-        let first = loop {
-            if t > 1.0 {
-                return None;
-            }
-            if seen(t) && seen(t + 2.0 * step) && seen(t + 4.0 * step) {
-                break t;
-            }
-            t += step;
-        };
-        let most = 1.0 + 40.0 * self.scale * step;
-        let (mut last, mut missed) = (first, 0);
-        while t < most && missed < patience {
-            t += step;
-            if seen(t) {
-                (last, missed) = (t, 0);
-            } else {
-                missed += 1;
-            }
-        }
-        let count = self.settings.control_points;
-        let mut points = [Vector2::zeros(); super::curve::MOST];
-        for (i, point) in points.iter_mut().enumerate().take(count) {
-            *point = curve.at(first + (last - first) * i as f64 / (count - 1) as f64);
-        }
-        Some(Curve2::new(count, points))
-    }
-
-    /// Takes the needle out of a background that was learned with it.
-    fn paint_out(&mut self, curve: &Curve2, look: &Look) {
-        let half = 0.5 * look.width + 2.5 * self.scale;
-        let steps = (2.0 * curve.length()).ceil();
-        let margin = (look.bevel_px + 2.0 * self.scale) / curve.length().max(1.0);
-        let mut step = 0.0;
-        while step <= steps {
-            let t = (1.0 + margin) * step / steps;
-            let tangent = curve.derivative(t).normalize();
-            let normal = Vector2::new(-tangent.y, tangent.x) * half;
-            let centre = curve.at(t);
-            self.background.paint_out(centre - normal, centre + normal);
-            step += 1.0;
-        }
-    }
 }
 
 /// Residual of a measurement after a change of the state, in standard deviations.
@@ -458,20 +349,5 @@ fn residual(offset: &Offset, change: &nalgebra::SVector<f64, 13>) -> f64 {
             sum + weight
                 * (offset.direction.x * change[2 * i] + offset.direction.y * change[2 * i + 1])
         });
-    (offset.offset - moved) / offset.variance.sqrt()
-}
-
-/// Point at a share of a polygon's length.
-fn on_line(line: &[Vector2<f64>], share: f64) -> Option<Vector2<f64>> {
-    let pieces = || line.windows(2).filter_map(|w| Some((*w.first()?, *w.last()?)));
-    let total: f64 = pieces().map(|(a, b)| (b - a).norm()).sum();
-    let mut left = share * total;
-    for (a, b) in pieces() {
-        let piece = (b - a).norm();
-        if left <= piece && piece > 0.0 {
-            return Some(a + (b - a) * (left / piece));
-        }
-        left -= piece;
-    }
-    line.last().copied()
+    (offset.value - moved) / offset.variance.sqrt()
 }

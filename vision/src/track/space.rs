@@ -63,8 +63,7 @@ impl Curve3 {
         let mut sum = SMatrix::zeros();
         for i in 0..self.count {
             for j in 0..self.count {
-                sum += self.covariance.fixed_view::<3, 3>(3 * i, 3 * j)
-                    * (weights[i] * weights[j]);
+                sum += self.covariance.fixed_view::<3, 3>(3 * i, 3 * j) * (weights[i] * weights[j]);
             }
         }
         sum
@@ -101,7 +100,12 @@ impl Curve3 {
     }
 
     /// Fits the curve to both images; `false` where the images do not determine it.
-    pub(super) fn fit(&mut self, views: &[View; 2], filters: [&CurveFilter; 2], rounds: usize) -> bool {
+    pub(super) fn fit(
+        &mut self,
+        views: &[View; 2],
+        filters: [&CurveFilter; 2],
+        rounds: usize,
+    ) -> bool {
         let curves = filters.map(CurveFilter::curve);
         for _ in 0..rounds {
             let mut normal = Normal::new(self);

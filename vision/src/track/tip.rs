@@ -1,4 +1,9 @@
 //! The tip along the needle's axis, from the fall of its darkness.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
 
 use hal::GrayImage;
 use nalgebra::Vector2;
@@ -35,6 +40,8 @@ pub(super) struct TipSearch {
     pub bevel_px: f64,
     /// How the bevel is turned, if known: see [`TipView::side`].
     pub side: Option<f64>,
+    /// See [`TipView::rim_px`].
+    pub rim_px: f64,
     /// Blur of the image \[px\].
     pub blur: f64,
 }
@@ -102,6 +109,7 @@ fn fit(run: &Run, search: &TipSearch, side: f64) -> Option<TipFix> {
     let view = TipView {
         bevel_px: search.bevel_px,
         side,
+        rim_px: search.rim_px,
     };
     let falloff = Falloff::new(&view, search.blur);
     let masses = run.masses.get(..run.count)?;

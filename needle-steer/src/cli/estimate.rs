@@ -1,0 +1,99 @@
+//! `estimate`: one's own needle from recorded insertions.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Args;
+
+use super::{Usage, print_json};
+use crate::config::{self, Config};
+use crate::identify::{Identified, Parameter, Recording, identify};
+
+/// Stiffness, tip load and natural curvature of one's own needle from recorded insertions.
+#[derive(Debug, Args)]
+pub(super) struct EstimateArgs {
+    /// Logs of runs (MCAP), or CSV files of base poses and what was seen of the needle.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Needle and entry for CSV files; the written configuration starts from it.
+    #[arg(long)]
+    config: Option<PathBuf>,
+    /// Configuration to write; `run` takes it.
+    #[arg(long, value_name = "CONFIG")]
+    out: Option<PathBuf>,
+    /// Print the findings as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &EstimateArgs) -> anyhow::Result<ExitCode> {
+    let given = config::load(args.config.as_deref(), &[])?;
+    let recordings: Vec<Recording> = args
+        .files
+        .iter()
+        .map(|file| {
+            let read = if file.extension().is_some_and(|e| e == "csv") {
+                Recording::from_csv(file, &given)
+            } else {
+                Recording::from_log(file)
+            };
+            read.map_err(|e| Usage(format!("{:#}", anyhow::Error::from(e))))
+        })
+        .collect::<Result<_, _>>()?;
+    let found = identify(&recordings).map_err(|e| Usage(e.to_string()))?;
+    if let Some(out) = &args.out {
+        let base = match (&args.config, recordings.first()) {
+            (None, Some(first)) => &first.config,
+            _ => &given,
+        };
+        write_config(out, &found.apply(base), &found)?;
+    }
+    if args.json {
+        print_json(&found)?;
+    } else {
+        print_text(&found, args.out.as_ref())?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn write_config(out: &PathBuf, config: &Config, found: &Identified) -> anyhow::Result<()> {
+    let text = format!(
+        "# Identified from {} insertions, {} measurements.\n{}",
+        found.recordings,
+        found.measurements,
+        toml::to_string(config)?
+    );
+    std::fs::write(out, text).with_context(|| out.display().to_string())
+}
+
+fn print_text(found: &Identified, out: Option<&PathBuf>) -> std::io::Result<()> {
+    let mut to = std::io::stdout().lock();
+    let rows: [(&str, &Parameter, usize); 4] = [
+        ("stiffness K_T [N/m2]", &found.stiffness_n_m2, 0),
+        ("cut angle [deg]", &found.cut_angle_deg, 3),
+        ("natural curvature [1/m]", &found.natural_curvature_per_m, 3),
+        ("tip-load scale", &found.tip_load_scale, 2),
+    ];
+    for (name, p, digits) in rows {
+        write!(
+            to,
+            "{name:<24} {:>9.digits$}   95 %: {:.digits$} to {:.digits$}",
+            p.value, p.interval[0], p.interval[1]
+        )?;
+        match &p.reason {
+            None => writeln!(to)?,
+            Some(reason) => writeln!(to, "   NOT IDENTIFIED: {reason}")?,
+        }
+    }
+    writeln!(
+        to,
+        "from {} insertions, {} measurements",
+        found.recordings, found.measurements
+    )?;
+    if let Some(out) = out {
+        writeln!(to, "configuration: {}", out.display())?;
+    }
+    Ok(())
+}

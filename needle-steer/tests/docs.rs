@@ -1,0 +1,251 @@
+//! Every command that the documentation shows is a command of this program; the tutorial's are
+//! carried out in their order, the long ones with fewer runs.
+#![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+fn pages() -> Vec<(PathBuf, String)> {
+    let root = Path::new(ROOT);
+    let mut files: Vec<PathBuf> = std::fs::read_dir(root.join("docs"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|e| e == "md"))
+        .collect();
+    files.push(root.join("README.md"));
+    files.sort();
+    files
+        .into_iter()
+        .map(|file| (file.clone(), std::fs::read_to_string(file).unwrap()))
+        .collect()
+}
+
+/// The commands of a page: in code spans, and lines of code blocks; without the program's name.
+fn commands(text: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut add = |code: &str| {
+        let code = code.split(" #").next().unwrap_or(code).trim();
+        for start in ["needle-steer ", "cargo run --release -- "] {
+            if let Some(command) = code.strip_prefix(start) {
+                found.push(command.trim().to_owned());
+            }
+        }
+    };
+    let mut fenced = false;
+    let mut prose = String::new();
+    for line in text.lines() {
+        if line.starts_with("```") {
+            fenced = !fenced;
+        } else if fenced || line.starts_with("    ") {
+            add(line.trim());
+        } else {
+            prose.push_str(line);
+            prose.push(' ');
+        }
+    }
+    for span in prose.split('`').skip(1).step_by(2) {
+        add(span);
+    }
+    found
+}
+
+fn needle_steer(arguments: &[&str], folder: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+        .args(arguments)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn every_command_and_option_in_the_docs_exists() {
+    let mut checked = 0;
+    for (file, text) in pages() {
+        for command in commands(&text) {
+            let words: Vec<&str> = command.split_whitespace().collect();
+            let mut arguments: Vec<&str> = Vec::new();
+            // Subcommands are the leading words that the help of what stands before names.
+            let mut help = help_of(&arguments);
+            while let Some(word) = words.get(arguments.len()) {
+                let named = !word.starts_with('-')
+                    && help.lines().any(|line| {
+                        line.starts_with("  ") && line.split_whitespace().next() == Some(word)
+                    });
+                if !named {
+                    break;
+                }
+                arguments.push(word);
+                help = help_of(&arguments);
+            }
+            let global = words.first().is_some_and(|w| w.starts_with("--"));
+            assert!(
+                !arguments.is_empty() || global,
+                "{}: `needle-steer {command}`: no such command",
+                file.display()
+            );
+            let options = words
+                .iter()
+                .filter(|word| word.starts_with("--") && word.len() > 2)
+                .map(|word| word.split('=').next().unwrap_or(word));
+            for option in options {
+                assert!(
+                    help.contains(option),
+                    "{}: `needle-steer {command}` has no {option}",
+                    file.display()
+                );
+            }
+            checked += 1;
+        }
+    }
+    assert!(checked > 25, "only {checked} commands found");
+}
+
+fn help_of(arguments: &[&str]) -> String {
+    let mut with_help = arguments.to_vec();
+    with_help.push("--help");
+    let output = needle_steer(&with_help, Path::new("."));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Code blocks of files: the line before names the file as `NAME.toml`.
+fn files_of(text: &str) -> Vec<(String, String)> {
+    let mut files = Vec::new();
+    let mut lines = text.lines().peekable();
+    let mut last = "";
+    while let Some(line) = lines.next() {
+        if line == "```toml" {
+            let body: Vec<&str> = lines.by_ref().take_while(|l| *l != "```").collect();
+            if let Some(name) = last
+                .split('`')
+                .find(|word| Path::new(word).extension().is_some_and(|e| e == "toml"))
+            {
+                files.push((name.to_owned(), body.join("\n") + "\n"));
+            }
+        } else if !line.is_empty() {
+            last = line;
+        }
+    }
+    files
+}
+
+/// Less of what takes long; what is not the point of a command stays.
+fn reduced(command: &str) -> Vec<String> {
+    let mut words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
+    if let Some(k) = words.iter().position(|w| w == "--runs") {
+        words[k + 1] = "1".into();
+    } else if words[0] == "reproduce" {
+        words.extend(["--runs".into(), "1".into()]);
+    }
+    words
+}
+
+/// Whether a command stands for many: file names, dots or upper case in place of arguments.
+fn is_pattern(command: &str) -> bool {
+    command.contains("...")
+        || command.contains("images")
+        || command
+            .split_whitespace()
+            .any(|word| word.len() > 1 && word.chars().all(|c| c.is_ascii_uppercase() || c == '_'))
+}
+
+#[test]
+fn the_tutorial_works_as_written() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("tutorial");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    let text = std::fs::read_to_string(Path::new(ROOT).join("docs/TUTORIAL.md")).unwrap();
+    for (name, body) in files_of(&text) {
+        let fewer = body.replace("count = 20", "count = 2");
+        assert_ne!(fewer, body, "{name}");
+        std::fs::write(folder.join(name), fewer).unwrap();
+    }
+    std::os::unix::fs::symlink(Path::new(ROOT).join("robots"), folder.join("robots")).unwrap();
+    // Commands that say that something differs, by their exit code.
+    let differ: BTreeSet<&str> = [
+        "diff first/run.mcap second/run.mcap",
+        "replay first/run.mcap --law paper",
+    ]
+    .into();
+    // Only the blocks: they are meant to be typed in this order.
+    let blocks: Vec<&str> = text
+        .split("```sh\n")
+        .skip(1)
+        .filter_map(|rest| rest.split("```").next())
+        .collect();
+    let mut done = 0;
+    for line in blocks.iter().flat_map(|block| block.lines()) {
+        let command = line.strip_prefix("needle-steer ").unwrap();
+        let (command, to) = match command.split_once(" > ") {
+            Some((command, file)) => (command, Some(file)),
+            None => (command, None),
+        };
+        let words = reduced(command);
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        let output = needle_steer(&words, &folder);
+        let expected = i32::from(differ.contains(command));
+        assert_eq!(
+            output.status.code(),
+            Some(expected),
+            "{command}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        if let Some(file) = to {
+            std::fs::write(folder.join(file), &output.stdout).unwrap();
+        }
+        done += 1;
+    }
+    assert!(done >= 18, "only {done} commands");
+    for file in [
+        "first/run.html",
+        "laws/report.html",
+        "all/results.csv",
+        "needle.toml",
+    ] {
+        assert!(folder.join(file).exists(), "{file}");
+    }
+}
+
+/// The other pages' commands, as far as they stand alone.
+#[test]
+fn commands_of_the_other_pages_run() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pages");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(
+        folder.join("arm.toml"),
+        "[arm]\ntip_link = \"needle_base\"\n",
+    )
+    .unwrap();
+    let mut seen = BTreeSet::new();
+    for (file, text) in pages() {
+        if file.ends_with("TUTORIAL.md") {
+            continue;
+        }
+        for command in commands(&text) {
+            let first = command.split_whitespace().next().unwrap_or_default();
+            // Devices that wait for a peer, pictures and logs that are not here.
+            let elsewhere = ["emulate", "calibrate", "track", "ros"].contains(&first)
+                || command.contains(" ros")
+                || command.contains(".mcap")
+                || command.contains('>');
+            if elsewhere || is_pattern(&command) || !seen.insert(command.clone()) {
+                continue;
+            }
+            let words = reduced(&command);
+            let words: Vec<&str> = words.iter().map(String::as_str).collect();
+            let output = needle_steer(&words, &folder);
+            // A run may miss its target; it must not be refused.
+            assert!(
+                matches!(output.status.code(), Some(0 | 1)),
+                "{}: {command}: {}",
+                file.display(),
+                String::from_utf8_lossy(&output.stderr)
+            );
+        }
+    }
+    assert!(seen.len() >= 5, "{seen:?}");
+}
