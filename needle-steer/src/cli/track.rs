@@ -152,6 +152,7 @@ fn prepare(args: &TrackArgs) -> Result<StereoTracker, Usage> {
     Ok(tracker)
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "as `map_err` hands it over")]
 fn refused(error: FileError) -> Usage {
     Usage(error.to_string())
 }
