@@ -1,14 +1,16 @@
 //! Calibrations as files that other tools read: ROS `camera_info` YAML and OpenCV
-//! `FileStorage` YAML; images and folders of them.
+//! `FileStorage` YAML; images, folders of them, and pictures of what was tracked in them.
 
 mod camera_info;
 mod folder;
 mod opencv;
+mod overlay;
 mod yaml;
 
 pub use camera_info::{CameraInfo, camera_info, read_camera_info};
 pub use folder::{FolderError, ImageFolder};
 pub use opencv::{StereoFile, read_stereo, stereo_yml};
+pub use overlay::write_overlay;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -32,6 +34,14 @@ pub enum FileError {
         /// The file.
         path: PathBuf,
         /// What the decoder said.
+        source: image::ImageError,
+    },
+    /// A picture could not be coded.
+    #[error("{}: cannot be coded: {source}", path.display())]
+    Encode {
+        /// The file.
+        path: PathBuf,
+        /// What the encoder said.
         source: image::ImageError,
     },
     /// The file is no YAML.
