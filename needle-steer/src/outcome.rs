@@ -11,6 +11,8 @@ pub enum Ended {
     TargetPassed,
     /// The target went out of reach by this much \[m\].
     Unreachable(f64),
+    /// The needle came no nearer for this long \[s\].
+    NoProgress(f64),
     /// The supervisor stopped the run.
     Stopped(StopReason),
     /// The needle was withdrawn to its start on request.
@@ -37,6 +39,7 @@ impl std::fmt::Display for Ended {
             Self::Unreachable(shortfall) => {
                 write!(f, "target out of reach by {:.1} mm", shortfall * 1e3)
             }
+            Self::NoProgress(seconds) => write!(f, "no progress for {seconds:.0} s"),
             Self::Stopped(reason) => write!(f, "stopped: {reason}"),
             Self::Retracted => f.write_str("retracted"),
             Self::Interrupted => f.write_str("interrupted"),

@@ -3,23 +3,26 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use hal::frame::{ArmBase, LeftCamera, World};
+use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
-use hal::{Arm, Clock, Recorded, ShapeSensor, Transform};
+use hal::{
+    Arm, Clock, Recorded, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform,
+};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
-use phantom::{Bench, SettingsError, bench::Setup};
+use phantom::{Bench, Draw, Plant, SettingsError, bench::Setup};
 use robots::arms;
 use robots::kinematics::{Chain, Turns, UrdfError};
 use robots::sim::{SimError, SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 
+use crate::cameras;
 use crate::clock::{LockstepClock, WallClock, WallTime};
-use crate::config::{Backend, Config, ViperDialect};
+use crate::config::{Backend, Config, PlantKind, SensorKind, ViperDialect};
 use crate::cycle::Bearings;
 use crate::host::{self, HostError};
-use crate::model_plant::ModelPlant;
 use crate::springs::SpringsError;
+use crate::twin::TwinPlant;
 use crate::world::{Body, SimulatedWorld};
 
 /// Ticks of the simulated world.
@@ -69,9 +72,6 @@ pub enum RigBuildError {
     /// The real controller.
     #[error(transparent)]
     Host(#[from] HostError),
-    /// The model that stands for the needle in a dry run in air.
-    #[error("model: {0}")]
-    Model(#[from] SpringsError),
     /// Nothing sees the needle on a real arm.
     #[error(
         "viper.emulate = false: an insertion on the controller at {host} needs cameras, and run.sensor = \"shape\" is the phantom's; only dry runs go without"
@@ -88,9 +88,86 @@ pub enum RigBuildError {
     /// The guard's limits.
     #[error("guard: {0}")]
     Guard(#[from] LimiterError),
+    /// The controller's model as the plant.
+    #[error("plant: {0}")]
+    Twin(#[from] SpringsError),
     /// A device.
     #[error(transparent)]
     Device(#[from] hal::Error),
+}
+
+/// What sees the needle.
+pub enum Eyes {
+    /// A sensor of needle shapes.
+    Shape(Box<dyn ShapeSensor>),
+    /// A stereo camera, in whose images the needle is tracked.
+    Cameras(Box<dyn StereoCamera>),
+}
+
+/// What the eyes saw since they were last asked.
+#[derive(Clone, Debug, Default)]
+pub enum Sighting {
+    /// Nothing new.
+    #[default]
+    Nothing,
+    /// The needle's shape.
+    Shape(SensedShape),
+    /// A pair of images.
+    Pair(StereoFrame),
+}
+
+impl Sighting {
+    /// Whether there is nothing new.
+    pub const fn is_none(&self) -> bool {
+        matches!(self, Self::Nothing)
+    }
+
+    /// The needle's shape, from a sensor of shapes.
+    pub const fn shape(&self) -> Option<&SensedShape> {
+        match self {
+            Self::Shape(shape) => Some(shape),
+            _ => None,
+        }
+    }
+
+    /// The pair of images.
+    pub const fn pair(&self) -> Option<&StereoFrame> {
+        match self {
+            Self::Pair(pair) => Some(pair),
+            _ => None,
+        }
+    }
+
+    /// When it was seen.
+    pub fn stamp(&self) -> Option<Stamp> {
+        match self {
+            Self::Nothing => None,
+            Self::Shape(shape) => Some(shape.stamp),
+            Self::Pair(pair) => Some(pair.left.stamp),
+        }
+    }
+}
+
+impl Eyes {
+    /// The newest sight.
+    ///
+    /// # Errors
+    /// The sensor is gone.
+    pub fn poll(&mut self) -> Result<Sighting, hal::Error> {
+        Ok(match self {
+            Self::Shape(sensor) => sensor.poll()?.map_or(Sighting::Nothing, Sighting::Shape),
+            Self::Cameras(cameras) => cameras.poll()?.map_or(Sighting::Nothing, Sighting::Pair),
+        })
+    }
+}
+
+impl core::fmt::Debug for Eyes {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Shape(_) => "Shape",
+            Self::Cameras(_) => "Cameras",
+        })
+    }
 }
 
 /// The devices of one run.
@@ -100,7 +177,7 @@ pub struct Rig {
     /// The arm, guarded and recorded.
     pub arm: Recorded<Guarded<Box<dyn Arm>>>,
     /// What sees the needle.
-    pub sensor: Box<dyn ShapeSensor>,
+    pub eyes: Eyes,
     /// Geometry as calibration and registration know it.
     pub bearings: Bearings,
     /// The simulated world, where there is one.
@@ -122,33 +199,43 @@ impl Rig {
         let settings =
             phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
         let world_from_entry = config.world_from_entry();
-        let cameras = StereoRig::new(
-            &CameraSettings::default(),
-            &world_from_entry,
-            config.run.seed,
-        )?;
-        let left_from_world = cameras.truth().left_from_world;
+        let images = config.run.sensor == SensorKind::Images;
+        let camera_settings = if images {
+            cameras::settings(config)?
+        } else {
+            CameraSettings::ideal()
+        };
+        let stereo = StereoRig::new(&camera_settings, &world_from_entry, config.run.seed)?;
+        let stereo_from_world = *stereo.stereo_from_world();
+        let registered = stereo.given().left_from_world;
+        let calibrated = images.then(|| cameras::calibrated(stereo.given()));
         let setup = Setup {
             world_from_phantom: world_from_entry,
             world_from_base: Transform::assume(start),
-            left_from_world,
+            left_from_world: stereo_from_world,
             seed: config.run.seed,
         };
-        let bench = if config.run.dry_run_air {
-            let mut flawless = phantom::Settings::preset("ideal")?;
-            // An estimator believes no measurement that claims to be exact.
-            flawless.sensor.noise_mm = 0.02;
-            flawless.sensor.direction_noise_deg = 0.1;
-            Bench::with_plant(&flawless, &setup, |base| -> Result<_, RigBuildError> {
-                Ok(Box::new(ModelPlant::new(config, base)?))
-            })?
+        let bench = match config.run.plant {
+            PlantKind::Phantom => Bench::new(&settings, &setup)?,
+            PlantKind::Model => Bench::with_plant(&settings, &setup, |true_base| {
+                twin(config, &settings, true_base)
+            })?,
+        };
+        let bench = if images {
+            bench.with_cameras(stereo)
         } else {
-            Bench::new(&settings, &setup)?
+            bench
         };
 
         let (driver, body, time, simulated_arm) = arm(config, &chain, &joints)?;
         let period = driver.description().period;
-        let world = SimulatedWorld::new(body, chain.clone(), world_from_arm_base, bench);
+        let world = SimulatedWorld::new(
+            body,
+            chain.clone(),
+            world_from_arm_base,
+            bench,
+            stereo_from_world,
+        );
         let moved = world.clone();
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
         let guard =
@@ -161,11 +248,16 @@ impl Rig {
                 ),
             },
             arm: Recorded::new(Guarded::new(driver, guard)?, EVENTS),
-            sensor: Box::new(world.shape_sensor()),
+            eyes: if images {
+                Eyes::Cameras(Box::new(world.cameras()))
+            } else {
+                Eyes::Shape(Box::new(world.shape_sensor()))
+            },
             bearings: Bearings {
                 chain,
                 world_from_arm_base,
-                world_from_left_camera: left_from_world.inverse(),
+                world_from_left_camera: registered.inverse(),
+                cameras: calibrated,
             },
             world: Some(world),
             simulated_arm,
@@ -201,6 +293,22 @@ impl core::fmt::Debug for Rig {
             .field("bearings", &self.bearings)
             .finish_non_exhaustive()
     }
+}
+
+/// The controller's own model in the phantom's place.
+fn twin(
+    config: &Config,
+    settings: &phantom::Settings,
+    world_from_base: &Transform<World, NeedleBase>,
+) -> Result<Box<dyn Plant>, RigBuildError> {
+    let draw = Draw::new(settings, config.run.seed);
+    let nominal = settings.tip.cut_angle_deg.to_radians();
+    Ok(Box::new(TwinPlant::new(
+        config,
+        &draw,
+        nominal,
+        world_from_base,
+    )?))
 }
 
 /// An arm's driver, what moves in the simulated world, the wall's time where that counts, and the
@@ -281,6 +389,7 @@ pub fn bearings(
         chain: chain(config)?,
         world_from_arm_base: arm_place(config),
         world_from_left_camera,
+        cameras: None,
     })
 }
 

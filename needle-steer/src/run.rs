@@ -1,17 +1,20 @@
 //! The run loop: the only code that moves an arm. Every way out of it stops the arm.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
 
+use crate::aim::{nominal_target, stereo_target};
 use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
-use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
+use crate::cycle::{Cycle, CycleError, SeenMarker, Snapshot, base_pose};
 use crate::outcome::{Ended, Summary};
-use crate::rig::{Rig, RigBuildError};
+use crate::progress::Progress;
+use crate::rig::{Rig, RigBuildError, Sighting};
+use crate::sight::Sight;
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
-use crate::world::{SimulatedWorld, in_stereo_frame, place_target};
+use crate::world::{SimulatedWorld, in_stereo_frame};
 use hybrid_control::view::Law;
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 
@@ -19,10 +22,12 @@ use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 pub const PREDICTION: f64 = 0.05;
 /// Straight start where no protocol gives one \[m\].
 const PRE_INSERTION: f64 = 5e-3;
+/// Straight insertion beyond the start by which the needle must have come into sight \[m\].
+const IN_SIGHT: f64 = 8e-3;
 /// Longest wait for the arm to come to rest.
 const REST: Duration = Duration::from_secs(1);
 /// Shortfall of reach that does not end a run \[m\].
-const REACH_TOLERANCE: f64 = 0.5e-3;
+const REACH_TOLERANCE: f64 = 1e-3;
 
 /// A run that could not be carried out; nothing moved, or the arm was stopped.
 #[derive(Debug, thiserror::Error)]
@@ -56,6 +61,16 @@ pub trait Observer {
         let _ = (arm, shape);
     }
 
+    /// How long the step of control took on the wall clock; no part of the run's own results.
+    fn timed(&mut self, step: Duration) {
+        let _ = step;
+    }
+
+    /// The marker that the step read; called after [`Observer::inputs`] where there was one.
+    fn marker(&mut self, marker: &SeenMarker) {
+        let _ = marker;
+    }
+
     /// A command that went out.
     fn command(&mut self, command: &RateCommand) {
         let _ = command;
@@ -68,6 +83,16 @@ pub struct Unobserved;
 
 impl Observer for Unobserved {
     fn step(&mut self, _: &Telemetry) {}
+}
+
+/// Builds the devices that `config` asks for and carries out one insertion on them, watched by
+/// nobody.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn simulate(config: &Config) -> Result<Summary, RunError> {
+    let mut rig = Rig::new(config)?;
+    run(config, &mut rig, &mut Unobserved, &Controls::default())
 }
 
 /// Carries out one insertion on `rig`.
@@ -117,6 +142,7 @@ fn insert(
     if config.run.dry_run {
         return Ok(insertion.summary(config, Ended::DryRun));
     }
+    insertion.attach_marker(config);
     insertion.rig.arm.enable()?;
     let ended = insertion.advance(config, observer, controls);
     let stopped = insertion.come_to_rest();
@@ -131,10 +157,12 @@ struct Insertion<'a> {
     cycle: Cycle,
     supervisor: Supervisor,
     reach: ReachMonitor,
+    progress: Progress,
     phase: Phase,
     before_pause: Phase,
     straight: f64,
     start: nalgebra::Isometry3<f64>,
+    aimed: bool,
     steering_since: Option<Stamp>,
     sequence: u64,
     rates: Joints,
@@ -149,13 +177,15 @@ impl<'a> Insertion<'a> {
             .as_ref()
             .map_or(PRE_INSERTION, SimulatedWorld::pre_insertion);
         Self {
-            supervisor: Supervisor::new(bounds(config), rig.clock.now()),
+            supervisor: Supervisor::new(Bounds::of(config), rig.clock.now()),
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
+            progress: Progress::default(),
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
             start,
+            aimed: false,
             steering_since: None,
             sequence: 0,
             rates: state.positions.zeroed(),
@@ -166,14 +196,11 @@ impl<'a> Insertion<'a> {
 
     /// Refuses a target that cannot be reached, as far as it is known before the start.
     fn check_target(&self, config: &Config) -> Result<(), Unreachable> {
-        let tip = (self.start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3))
-            .coords
-            + self.start.rotation * nalgebra::Vector3::z() * self.straight;
         let target = match config.target.kind {
             TargetKind::Stereo => {
                 (self.rig.bearings.world_from_left_camera * stereo_target(config)).coords()
             }
-            _ => nominal_target(config, &tip, &self.start),
+            _ => self.expected_target(config),
         };
         reachable_at_start(
             self.cycle.estimator(),
@@ -181,6 +208,20 @@ impl<'a> Insertion<'a> {
             self.cycle.limits(),
             Means::of_law(&config.run.law),
         )
+    }
+
+    /// The target as it lies before anything moves \[m\].
+    fn expected_target(&self, config: &Config) -> nalgebra::Vector3<f64> {
+        let ahead = config.needle.length_mm * 1e-3 + self.straight;
+        let tip = self.start * nalgebra::Point3::new(0.0, 0.0, ahead);
+        nominal_target(config, &tip.coords, &self.start)
+    }
+
+    /// Marks the tissue where the target is to be, so that its motion is known when it counts.
+    fn attach_marker(&self, config: &Config) {
+        if let (TargetKind::Marker, Some(world)) = (config.target.kind, &self.rig.world) {
+            world.attach_marker(&self.expected_target(config));
+        }
     }
 
     fn advance(
@@ -237,6 +278,10 @@ impl<'a> Insertion<'a> {
     }
 
     /// Runs the law when a measurement arrived, or on prediction when one is overdue.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "how long a step takes is told to observers and enters no decision"
+    )]
     fn law_step(
         &mut self,
         config: &Config,
@@ -244,28 +289,38 @@ impl<'a> Insertion<'a> {
         state: &ArmState,
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
-        let shape = self.rig.sensor.poll()?;
+        let sight = self.rig.eyes.poll()?;
         let since = self
             .last_law
             .map_or(f64::INFINITY, |last| now.secs_since(last));
-        if shape.is_none() && since < PREDICTION {
+        if sight.is_none() && since < PREDICTION {
             return Ok(());
         }
-        if let Some(shape) = &shape {
-            self.supervisor.image(shape.stamp);
-        }
         self.change_phase(config, now, state);
-        observer.inputs(state, shape.as_ref());
+        let marker = self
+            .rig
+            .world
+            .as_ref()
+            .and_then(SimulatedWorld::poll_marker);
         let dt = if since.is_finite() { since } else { PREDICTION };
+        let begun = Instant::now();
         let telemetry = self.cycle.step(&Snapshot {
             now,
             dt,
             arm: state,
-            shape: shape.as_ref(),
+            shape: sight.shape(),
+            pair: sight.pair(),
+            marker,
             phase: self.phase,
         });
         self.rates = telemetry.joint_rates;
+        observer.timed(begun.elapsed());
         self.last_law = Some(now);
+        self.note_image(&sight);
+        observer.inputs(state, sight.shape().or_else(|| self.tracked()));
+        if let Some(marker) = &marker {
+            observer.marker(marker);
+        }
         let telemetry = self.cycle.telemetry_mut();
         telemetry
             .law
@@ -276,11 +331,26 @@ impl<'a> Insertion<'a> {
         Ok(())
     }
 
+    /// Tells the supervisor of an image. On its straight way in and out the needle may be out of
+    /// the cameras' sight.
+    fn note_image(&mut self, sight: &Sighting) {
+        let Some(stamp) = sight.stamp() else { return };
+        let may_hide = matches!(self.phase, Phase::PreInsertion | Phase::Retracting);
+        let found = sight.shape().is_some() || self.tracked().is_some();
+        self.supervisor.image(stamp, found || may_hide);
+    }
+
+    /// The shape that the tracker found in the newest pair.
+    fn tracked(&self) -> Option<&SensedShape> {
+        self.cycle.sight().and_then(Sight::shape)
+    }
+
     /// Pauses, retracts or resumes as the user asks.
     fn follow(&mut self, wish: Wish) {
         let wanted = match wish {
             Wish::Proceed if matches!(self.phase, Phase::Paused | Phase::Retracting) => {
                 self.cycle.resume();
+                self.progress.reset();
                 self.before_pause
             }
             Wish::Proceed => self.phase,
@@ -309,15 +379,32 @@ impl<'a> Insertion<'a> {
         if travelled < self.straight {
             return;
         }
-        let target = self.place_target(config);
-        self.cycle.set_target(target);
+        if !self.aimed {
+            let target = self.place_target(config);
+            self.cycle.set_target(target);
+            self.aimed = true;
+        }
+        // Steering begins when the needle is in the cameras' sight, a little deeper at most.
+        if self
+            .cycle
+            .sight()
+            .is_some_and(|sight| sight.shape().is_none())
+            && travelled < self.straight + IN_SIGHT
+        {
+            return;
+        }
         self.phase = Phase::Steering;
         self.steering_since = Some(now);
     }
 
     /// The target in the stereo frame. In simulation the protocol places it by the true tip.
     fn place_target(&self, config: &Config) -> Position<hal::frame::LeftCamera> {
-        let left_from_world = self.rig.left_from_world();
+        let registered = self.rig.left_from_world();
+        let left_from_world = self
+            .rig
+            .world
+            .as_ref()
+            .map_or(registered, SimulatedWorld::stereo_from_world);
         let target = match (config.target.kind, &self.rig.world) {
             (TargetKind::Stereo, _) => {
                 let target = stereo_target(config);
@@ -325,6 +412,13 @@ impl<'a> Insertion<'a> {
                     world.watch((left_from_world.inverse() * target).coords());
                 }
                 return target;
+            }
+            (TargetKind::Marker, Some(world)) => {
+                let target = world
+                    .marker()
+                    .unwrap_or_else(|| self.expected_target(config));
+                world.watch(target);
+                target
             }
             (_, Some(world)) => {
                 let target = nominal_target(config, &world.true_tip(), &self.start);
@@ -350,9 +444,12 @@ impl<'a> Insertion<'a> {
         if telemetry.axial_distance <= 0.0 {
             return Some(Ended::TargetPassed);
         }
-        self.reach
-            .update(now, &telemetry.law)
-            .map(Ended::Unreachable)
+        if let Some(shortfall) = self.reach.update(now, &telemetry.law) {
+            return Some(Ended::Unreachable(shortfall));
+        }
+        self.progress
+            .update(now, telemetry.axial_distance)
+            .map(Ended::NoProgress)
     }
 
     /// Stops and waits until the arm is at rest.
@@ -394,45 +491,4 @@ impl<'a> Insertion<'a> {
             log: None,
         }
     }
-}
-
-fn bounds(config: &Config) -> Bounds {
-    let s = &config.supervisor;
-    let ms = |value: f64| Duration::from_secs_f64(value * 1e-3);
-    Bounds {
-        tissue_stretch: s.tissue_stretch_mm * 1e-3,
-        entry_force: s.entry_force_n,
-        axis: (config.entry(), config.inward()),
-        workspace_radius: s.workspace_radius_mm * 1e-3,
-        image_hold: ms(s.image_hold_ms),
-        image_stop: ms(s.image_stop_ms),
-        encoder_stop: ms(s.encoder_stop_ms),
-        dead_man: (s.dead_man_ms > 0.0).then(|| ms(s.dead_man_ms)),
-    }
-}
-
-fn stereo_target(config: &Config) -> Position<hal::frame::LeftCamera> {
-    let [x, y, z] = config.target.position_mm.map(|v| v * 1e-3);
-    Position::new(nalgebra::Point3::new(x, y, z))
-}
-
-/// Aligned or shifted target from a tip and the holder's pose, World \[m\].
-fn nominal_target(
-    config: &Config,
-    tip: &nalgebra::Vector3<f64>,
-    world_from_holder: &nalgebra::Isometry3<f64>,
-) -> nalgebra::Vector3<f64> {
-    let t = &config.target;
-    let offset = if t.kind == TargetKind::Aligned {
-        0.0
-    } else {
-        t.offset_mm * 1e-3
-    };
-    place_target(
-        tip,
-        &hal::Transform::assume(*world_from_holder),
-        t.depth_mm * 1e-3,
-        offset,
-        t.angle_deg.to_radians(),
-    )
 }

@@ -51,34 +51,9 @@ pub fn needle(config: &Config) -> Result<Needle, NeedleError> {
     )
 }
 
-/// The straight needle of the configuration at `world_from_base`, just before its tissue; the
-/// spacing of the springs is the configuration's.
-///
-/// # Errors
-/// The model refuses the configuration or the start.
-pub fn insertion(
-    config: &Config,
-    world_from_base: &Isometry3<f64>,
-    settings: InsertionSettings,
-) -> Result<Insertion, SpringsError> {
-    let outside = world_from_base * Isometry3::translation(0.0, 0.0, -CLEARANCE);
-    Ok(Insertion::new(
-        needle(config)?,
-        Bevel::plane_cut(
-            config.needle.bevel_deg.to_radians(),
-            config.needle.outer_diameter_mm * 1e-3,
-        )?,
-        Tissue::uniform(
-            config.entry().coords,
-            config.inward().into_inner(),
-            config.estimator.stiffness_n_m2,
-        )?,
-        InsertionSettings {
-            pitch: config.tissue.spring_spacing_mm * 1e-3,
-            ..settings
-        },
-        &outside,
-    )?)
+/// Length of the bevel: from O to the cutting edge \[m\].
+pub fn bevel_length(config: &Config) -> f64 {
+    config.needle.outer_diameter_mm * 1e-3 / config.needle.bevel_deg.to_radians().tan()
 }
 
 /// The controller's springs model.
@@ -95,10 +70,29 @@ impl SpringsModel {
     /// # Errors
     /// The model refuses the configuration or the start.
     pub fn new(config: &Config, world_from_base: &Isometry3<f64>) -> Result<Self, SpringsError> {
+        let outside = world_from_base * Isometry3::translation(0.0, 0.0, -CLEARANCE);
+        let stiffness = config.estimator.stiffness_n_m2;
+        let insertion = Insertion::new(
+            needle(config)?,
+            Bevel::plane_cut(
+                config.needle.bevel_deg.to_radians(),
+                config.needle.outer_diameter_mm * 1e-3,
+            )?,
+            Tissue::uniform(
+                config.entry().coords,
+                config.inward().into_inner(),
+                stiffness,
+            )?,
+            InsertionSettings {
+                pitch: config.tissue.spring_spacing_mm * 1e-3,
+                ..InsertionSettings::default()
+            },
+            &outside,
+        )?;
         Ok(Self {
-            insertion: insertion(config, world_from_base, InsertionSettings::default())?,
+            insertion,
             sensitivities: Sensitivities::default(),
-            stiffness: config.estimator.stiffness_n_m2,
+            stiffness,
         })
     }
 

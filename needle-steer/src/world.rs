@@ -4,11 +4,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::telemetry::TruthReport;
-use hal::{Error, Joints, Position, SensedShape, ShapeSensor, Stamp, Transform};
+use hal::{
+    Error, Joints, Position, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform,
+};
 use nalgebra::Vector3;
 use phantom::Bench;
 use phantom::experiment::Passing;
 use robots::kinematics::Chain;
+
+use crate::cycle::SeenMarker;
 
 /// What moves in the world: an arm whose true joints can be read at any time.
 pub trait Body: Send {
@@ -35,6 +39,7 @@ struct Inner {
     chain: Chain,
     world_from_arm_base: Transform<World, ArmBase>,
     bench: Bench,
+    stereo_from_world: Transform<LeftCamera, World>,
     score: Option<Score>,
 }
 
@@ -68,18 +73,21 @@ pub struct TrueFigures {
 pub struct SimulatedWorld(Arc<Mutex<Inner>>);
 
 impl SimulatedWorld {
-    /// A world in which `body` carries the needle of `bench`.
+    /// A world in which `body` carries the needle of `bench`; the frame of its sensors'
+    /// measurements truly lies at `stereo_from_world`.
     pub fn new(
         body: Box<dyn Body>,
         chain: Chain,
         world_from_arm_base: Transform<World, ArmBase>,
         bench: Bench,
+        stereo_from_world: Transform<LeftCamera, World>,
     ) -> Self {
         Self(Arc::new(Mutex::new(Inner {
             body,
             chain,
             world_from_arm_base,
             bench,
+            stereo_from_world,
             score: None,
         })))
     }
@@ -109,6 +117,26 @@ impl SimulatedWorld {
     /// Tip O in truth, World \[m\].
     pub fn true_tip(&self) -> Vector3<f64> {
         self.lock().bench.truth().tip()
+    }
+
+    /// Marks the tissue that is at `place` now (World \[m\]).
+    pub fn attach_marker(&self, place: &Vector3<f64>) {
+        self.lock().bench.attach_marker(place);
+    }
+
+    /// Where the marker is in truth, World \[m\]; nothing where none is attached.
+    pub fn marker(&self) -> Option<Vector3<f64>> {
+        self.lock().bench.marker()
+    }
+
+    /// The marker as the sensor delivers it, if there is something new.
+    pub fn poll_marker(&self) -> Option<SeenMarker> {
+        let seen = self.lock().bench.poll_marker()?;
+        Some(SeenMarker {
+            stamp: seen.stamp,
+            position: seen.position,
+            sigma: seen.sigma,
+        })
     }
 
     /// Starts to keep the score against a true target in World \[m\].
@@ -157,8 +185,19 @@ impl SimulatedWorld {
         })
     }
 
-    /// The sensor of this world.
+    /// Where the frame of the sensors' measurements truly lies; a registration may think
+    /// otherwise.
+    pub fn stereo_from_world(&self) -> Transform<LeftCamera, World> {
+        self.lock().stereo_from_world
+    }
+
+    /// The fast sensor of this world.
     pub fn shape_sensor(&self) -> impl ShapeSensor + use<> {
+        WorldSensor(self.clone())
+    }
+
+    /// The cameras of this world.
+    pub fn cameras(&self) -> impl StereoCamera + use<> {
         WorldSensor(self.clone())
     }
 }
@@ -178,6 +217,10 @@ impl Score {
             return;
         }
         self.last = Some(truth.stamp);
+        if let Some(marker) = bench.marker() {
+            self.target = marker;
+            self.passing.follow(marker);
+        }
         self.passed = self.passing.observe(truth);
         self.max_stretch = self.max_stretch.max(truth.max_stretch);
         self.sum_stretch += truth.mean_stretch;
@@ -190,6 +233,12 @@ struct WorldSensor(SimulatedWorld);
 impl ShapeSensor for WorldSensor {
     fn poll(&mut self) -> Result<Option<SensedShape>, Error> {
         ShapeSensor::poll(&mut self.0.lock().bench)
+    }
+}
+
+impl StereoCamera for WorldSensor {
+    fn poll(&mut self) -> Result<Option<StereoFrame>, Error> {
+        StereoCamera::poll(&mut self.0.lock().bench)
     }
 }
 

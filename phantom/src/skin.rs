@@ -6,6 +6,9 @@ use crate::motion::Placement;
 use crate::rod::band::Band;
 use crate::settings::EntrySettings;
 
+/// Depth of O below the skin from which on the hole holds it fully \[m\].
+const LETTING_GO: f64 = 0.5e-3;
+
 /// The hole through which the shaft enters. The skin around it pulls elastically at the shaft;
 /// where the pull exceeds its hold on the gel, the hole slides along the surface for good.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +34,8 @@ struct Crossing {
     after: usize,
     share: f64,
     tangent: Vector3<f64>,
+    /// Share of the skin's stiffness: it lets go of the tip gradually.
+    hold: f64,
 }
 
 impl Skin {
@@ -112,6 +117,7 @@ impl Skin {
             after,
             share: -depth(after - 1) / edge.z,
             tangent,
+            hold: (depth(last) / LETTING_GO).min(1.0),
         })
     }
 
@@ -138,13 +144,15 @@ impl Skin {
             after: i,
             share,
             tangent,
+            hold,
         } = crossing;
+        let skin = self.stiffness * hold;
         let point = nodes[i - 1].lerp(&nodes[i], share);
         self.stretch = point - self.hole;
         // Along the surface, the crossing moves by this for a motion of the shaft's points.
         let slope = Matrix3::identity() - tangent * Vector3::z().transpose() / tangent.z;
-        let pull = slope.tr_mul(&self.stretch) * -self.stiffness;
-        let block = slope.tr_mul(&slope) * self.stiffness;
+        let pull = slope.tr_mul(&self.stretch) * -skin;
+        let block = slope.tr_mul(&slope) * skin;
         force[i] += pull * share;
         stiffness.add_diagonal(i - 1, &(block * (share * share)));
         force[i - 1] += pull * (1.0 - share);

@@ -5,6 +5,8 @@ mod arm_contract;
 mod arrows;
 mod calibration_truth;
 mod equations;
+mod robustness;
 mod supervision;
 mod tidy;
+mod tracking;
 mod viper_contract;

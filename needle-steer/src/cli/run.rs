@@ -64,7 +64,7 @@ pub(super) struct RunArgs {
         default_missing_value = "checks"
     )]
     dry_run: Option<DryRun>,
-    /// Folder for the results; made if missing.
+    /// Folder for the results, made if missing; by default the next free `out/NNN-LAW-PHANTOM-SEED`.
     #[arg(long)]
     out: Option<PathBuf>,
     /// Print the summary as JSON.
@@ -110,10 +110,15 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         let joints = degrees(&rig.arm.state()?.positions);
         writeln!(std::io::stderr(), "joints {joints} deg")?;
     }
-    if let Some(out) = &args.out {
-        std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    }
-    let log = args.out.as_ref().map(|out| out.join("run.mcap"));
+    let out = match &args.out {
+        Some(out) => {
+            std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+            Some(out.clone())
+        }
+        None if config.run.dry_run => None,
+        None => next_folder(&config),
+    };
+    let log = out.as_ref().map(|out| out.join("run.mcap"));
     let journal = match &log {
         Some(file) => Some(Journal::create(file, &config, &rig.bearings)?),
         None => None,
@@ -126,7 +131,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     }
     let logged = recorder.journal.take().map_or(Ok(()), Journal::finish);
     summary.log = log.map(|file| file.display().to_string());
-    if let Some(out) = &args.out {
+    if let Some(out) = &out {
         summary.out = Some(out.display().to_string());
         write_results(out, &config, &recorder.rows, &summary)?;
     }
@@ -141,6 +146,42 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     } else {
         ExitCode::from(1)
     })
+}
+
+/// The next free folder under `out`; nothing, with a warning, where none can be made.
+fn next_folder(config: &Config) -> Option<PathBuf> {
+    let name = format!(
+        "{}-{}-{}",
+        config.run.law, config.run.phantom, config.run.seed
+    );
+    let make = || {
+        let parent = Path::new("out");
+        std::fs::create_dir_all(parent)?;
+        let taken = std::fs::read_dir(parent)?
+            .filter_map(|entry| {
+                entry
+                    .ok()?
+                    .file_name()
+                    .to_str()?
+                    .split('-')
+                    .next()?
+                    .parse()
+                    .ok()
+            })
+            .max()
+            .unwrap_or(0_u32);
+        let folder = parent.join(format!("{:03}-{name}", taken + 1));
+        // Fails if another run took it meanwhile: nothing is ever written over.
+        std::fs::create_dir(&folder).map(|()| folder)
+    };
+    make()
+        .inspect_err(|error| {
+            let _ = writeln!(
+                std::io::stderr(),
+                "no folder for results under out ({error}); --out DIR names another"
+            );
+        })
+        .ok()
 }
 
 /// A flag that Ctrl-C and SIGTERM raise; the run then stops the arm and ends.

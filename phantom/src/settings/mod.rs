@@ -10,6 +10,7 @@ mod validate;
 use serde::{Deserialize, Serialize};
 
 pub use preset::PRESETS;
+pub(crate) use preset::merge;
 pub use validate::SettingsError;
 pub(crate) use validate::within;
 

@@ -214,7 +214,7 @@ fn ride(settings: &Settings, kind: usize, seed: u64) -> Record {
 
 /// Rides under every motion with `seeds`; what happened.
 fn survive(seeds: &core::ops::Range<u64>) -> String {
-    let mut report = String::new();
+    let mut report = Vec::new();
     let settings = Settings::preset("harsh").unwrap();
     for (kind, motion) in MOTIONS.iter().enumerate() {
         let (mut steps, mut unconverged, mut torn, mut buckled) = (0, 0, 0, 0);
@@ -231,15 +231,15 @@ fn survive(seeds: &core::ops::Range<u64>) -> String {
             torn += record.torn;
             buckled += record.buckled;
         }
-        report += &format!(
-            "{motion}: {steps} steps, unconverged {unconverged}, tearing {torn}, buckling {buckled}\n"
-        );
+        report.push(format!(
+            "{motion}: {steps} steps, unconverged {unconverged}, tearing {torn}, buckling {buckled}"
+        ));
         assert!(
             unconverged * 500 <= steps,
             "{motion}: {unconverged} of {steps}"
         );
     }
-    report
+    report.join("\n")
 }
 
 #[test]
