@@ -3,7 +3,8 @@
 //! Read [`view`] first: what a law sees and what it answers. The paper's section III follows
 //! equation by equation in [`tasks`], [`priority`] and [`duty_cycle`]; beyond the paper are the
 //! [`bevel`] modulator, the [`levels`] with inequality constraints and the [`estimator`] with
-//! its predictive model. [`laws`] puts them together; [`reach`] says when it is over.
+//! its predictive model. [`motion`] takes moving tissue out of all of them. [`laws`] puts them
+//! together; [`reach`] says when it is over.
 //!
 //! Everything is in World unless a name says otherwise; SI units.
 //!
@@ -25,13 +26,15 @@ pub mod levels;
 
 pub mod estimator;
 pub mod laws;
+pub mod motion;
 pub mod reach;
 pub mod settings;
 
 pub use estimator::{Estimator, EstimatorError, Health, Observation, Rollout, Start};
 pub use laws::{LAW_NAMES, LawError, law_by_name};
+pub use motion::{TissueField, TissueMotion};
 pub use reach::{
     Means, ReachMonitor, Unreachable, lateral_error, reachable_at_start, target_ahead,
 };
-pub use settings::{EstimatorSettings, LawSettings, Limits};
+pub use settings::{EstimatorSettings, LawSettings, Limits, MotionSettings};
 pub use view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};

@@ -5,6 +5,9 @@
 use serde::{Deserialize, Serialize};
 
 mod check;
+mod motion;
+
+pub use motion::MotionSettings;
 
 /// Limits that every law keeps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -78,9 +81,6 @@ pub struct EstimatorSettings {
     /// Compliance of the tip: change of the cut angle by the path's reaction \[deg/N\] (assumed:
     /// half of what a compliant tip may have; the disturbance carries the rest either way).
     pub tip_compliance_deg_n: f64,
-    /// Distance from the tip O to the cutting edge \[mm\]: the bevel's length (24 deg on 0.7 mm;
-    /// the bevel's angle is assumed).
-    pub cutting_edge_mm: f64,
     /// Spacing of the path's marks and of the rollout's steps \[mm\].
     pub step_mm: f64,
     /// Period of the stiffness estimation \[s\].
@@ -89,6 +89,8 @@ pub struct EstimatorSettings {
     pub base_shift_sigma_mm: f64,
     /// Prior standard deviation of the base's direction error \[deg\].
     pub base_tilt_sigma_deg: f64,
+    /// Feature switch, for ablation: predict from the image's time to the present.
+    pub compensate_latency: bool,
 }
 
 impl Default for EstimatorSettings {
@@ -108,11 +110,11 @@ impl Default for EstimatorSettings {
             start_sigma_mm: 0.3,
             direction_floor_deg: 0.6,
             tip_compliance_deg_n: 5.0,
-            cutting_edge_mm: 1.57,
             step_mm: 2.0,
             stiffness_period_s: 1.0,
             base_shift_sigma_mm: 0.2,
             base_tilt_sigma_deg: 0.3,
+            compensate_latency: true,
         }
     }
 }
@@ -236,7 +238,7 @@ pub struct HybridSettings {
     /// Gain with which a tip drawn back by the base is brought to the end of its path \[1/s\].
     pub regain_gain_per_s: f64,
     /// Feature switches, for ablation: base pivot, base shift, relief of the tissue, slowing down,
-    /// reserve.
+    /// the level that spares the entry, partial curvature of the bevel by debt.
     pub pivot: bool,
     /// See `pivot`.
     pub shift: bool,
@@ -244,6 +246,10 @@ pub struct HybridSettings {
     pub unload: bool,
     /// See `pivot`.
     pub slow_down: bool,
+    /// See `pivot`.
+    pub spare_entry: bool,
+    /// See `pivot`.
+    pub modulate: bool,
 }
 
 impl Default for HybridSettings {
@@ -267,6 +273,8 @@ impl Default for HybridSettings {
             shift: true,
             unload: true,
             slow_down: true,
+            spare_entry: true,
+            modulate: true,
         }
     }
 }

@@ -229,6 +229,13 @@ pub trait Law: Send {
     /// The base twist from now on.
     fn decide(&mut self, view: &View<'_>) -> Decision;
 
+    /// The path that the newest decision expects, in World \[m\]; nothing from laws that do not
+    /// predict.
+    fn predicted_path(&self, estimator: &Estimator, path: &mut Vec<Vector3<f64>>) {
+        let _ = estimator;
+        path.clear();
+    }
+
     /// Forgets the past: a new insertion, or steering that resumes after a retraction.
     fn reset(&mut self);
 }

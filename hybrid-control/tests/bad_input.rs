@@ -19,6 +19,7 @@ fn start() -> (Start, Entry) {
     let start = Start {
         length: 0.126,
         bending_stiffness: 1.836e-3,
+        cutting_edge: 1.57e-3,
         entry,
         world_from_base,
     };

@@ -168,6 +168,7 @@ impl Equilibrium {
         ];
         self.system.close(&column, &corner)?;
         self.factored = !frozen;
+        self.searches = 0;
         self.factored_within = 0.0;
         Ok([[-length], [-roll]])
     }

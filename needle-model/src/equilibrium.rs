@@ -47,6 +47,10 @@ pub struct Equilibrium {
     pub(crate) convergence: Convergence,
     /// Whether `system` holds the tangent of a state with as many springs.
     pub(crate) factored: bool,
+    /// Searches since then, and whether even the first of them found the steps not to shrink: with
+    /// springs close together a tangent is soon too old.
+    pub(crate) searches: usize,
+    pub(crate) soon_old: bool,
     /// How far the state has moved since then \[m\]; infinite when its inputs changed.
     pub(crate) factored_within: f64,
 }
@@ -98,6 +102,8 @@ impl Equilibrium {
                 residual: 0.0,
             },
             factored: false,
+            searches: 0,
+            soon_old: false,
             factored_within: f64::INFINITY,
         }
     }
@@ -177,8 +183,7 @@ impl Equilibrium {
 
     /// Start values: nodes on the line from the base to the last rest point.
     pub(crate) fn start(&mut self) {
-        self.factored = false;
-        self.factored_within = f64::INFINITY;
+        self.forget_tangent();
         self.nodes.truncate(1);
         let base = self.nodes[0];
         let chord = self
@@ -208,8 +213,7 @@ impl Equilibrium {
 
     /// Adds a spring at the tip: the last piece of the needle becomes a piece between nodes.
     pub(crate) fn push_spring(&mut self, spring: Spring) {
-        self.factored = false;
-        self.factored_within = f64::INFINITY;
+        self.forget_tangent();
         let base = self.nodes[0];
         let last = self.nodes[self.springs.len()];
         let d = last.d + self.tip.y * self.tip.turn;
@@ -229,12 +233,17 @@ impl Equilibrium {
 
     /// Removes the last spring, if any.
     pub(crate) fn pop_spring(&mut self) -> Option<Spring> {
-        self.factored = false;
-        self.factored_within = f64::INFINITY;
+        self.forget_tangent();
         let spring = self.springs.pop()?;
         self.tip_length += self.nodes.pop().map_or(0.0, |node| node.l);
         self.settle_tip();
         Some(spring)
+    }
+
+    fn forget_tangent(&mut self) {
+        self.factored = false;
+        self.soon_old = false;
+        self.factored_within = f64::INFINITY;
     }
 
     pub(crate) fn settle_tip(&mut self) {

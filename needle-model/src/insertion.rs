@@ -39,6 +39,12 @@ pub enum RestPoint {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InsertionSettings {
     /// Length of needle between births of springs \[m\].
+    ///
+    /// The tip converges with the pitch, at first slowly (order 0.3 to 0.5 at 2.5 mm, 1e4 N/m2), for one
+    /// reason: over the first 3 E I / (K_T L^3) of depth (0.28 mm there) the tissue takes the needle
+    /// over from its holder, and a pitch above that does not resolve how the first rest points set the
+    /// path. Below it the order is 1 and more. At 2.5 mm the
+    /// deflection 80 mm deep is 17 to 19 % below the limit of fine pitches.
     pub pitch: f64,
     /// Rest point of a newborn spring.
     pub rest_point: RestPoint,

@@ -73,6 +73,7 @@ impl Equilibrium {
     ) -> Result<Convergence, EquilibriumError> {
         self.convergence.residual = f64::NAN;
         self.factored_within = f64::INFINITY;
+        self.searches += 1;
         self.settle(false);
         let mut last_step_m = f64::NAN;
         let mut shrinking = true;
@@ -110,7 +111,10 @@ impl Equilibrium {
                 };
                 return Ok(self.convergence);
             }
-            shrinking = chord.is_none() || iteration == 1 || step <= CONTRACTION * before;
+            let first = iteration == 1;
+            shrinking = chord.is_none() || first || step <= CONTRACTION * before;
+            self.soon_old |= !shrinking && self.searches == 1;
+            shrinking &= chord.is_none() || !self.soon_old;
             last_step_m = step;
         }
         Err(EquilibriumError::NotConverged {

@@ -61,6 +61,54 @@ fn the_step_size_does_not_matter() {
     }
 }
 
+/// Orders of convergence of the tip with the spring pitch, halved from 5 mm, 80 mm deep.
+fn orders_in_the_pitch(k_t: f64, rest_point: RestPoint) -> Vec<f64> {
+    let tip = |halvings: i32| {
+        let settings = InsertionSettings {
+            pitch: 5e-3 * 0.5_f64.powi(halvings),
+            ..with(rest_point)
+        };
+        let tissue = Tissue::uniform(Vector3::zeros(), Vector3::z(), k_t).unwrap();
+        let needle = Needle::biopsy();
+        let mut insertion =
+            Insertion::new(needle, bevel(), tissue, settings, &base_at(0.0)).unwrap();
+        for i in 1..=80 {
+            insertion
+                .insert(&base_at(1e-3 * f64::from(i)), None)
+                .unwrap();
+        }
+        insertion.equilibrium().tip_position()
+    };
+    let tips: Vec<_> = (0..6).map(tip).collect();
+    tips.windows(3)
+        .map(|t| ((t[0] - t[1]).norm() / (t[1] - t[2]).norm()).log2())
+        .collect()
+}
+
+#[test]
+fn the_entry_sets_the_order_of_convergence_in_the_pitch() {
+    let needle = Needle::biopsy();
+    for rest_point in [RestPoint::ModelCentre, RestPoint::CuttingEdge] {
+        for k_t in [1e3, 1e4] {
+            let entry = 3.0 * needle.bending_stiffness() / (k_t * needle.length().powi(3));
+            let orders = orders_in_the_pitch(k_t, rest_point);
+            println!(
+                "{rest_point:?}, K {k_t:e}, entry length {:.2} mm: orders {orders:.2?} from 5 mm on",
+                entry * 1e3
+            );
+            // At least first order once the pitch resolves the entry, far less before.
+            let mut finest = 2.5e-3;
+            for order in &orders {
+                finest /= 2.0;
+                if finest < 0.7 * entry {
+                    assert!(*order > 0.95, "pitch {finest}: {order}");
+                }
+            }
+            assert!(orders.is_sorted(), "{orders:?}");
+        }
+    }
+}
+
 #[test]
 fn births_do_not_move_the_tip() {
     for rest_point in [RestPoint::ModelCentre, RestPoint::CuttingEdge] {

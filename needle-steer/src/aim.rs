@@ -1,4 +1,4 @@
-//! Where a configuration's target lies.
+//! Where a run goes: the target of a configuration.
 
 use hal::frame::LeftCamera;
 use hal::{Position, Transform};

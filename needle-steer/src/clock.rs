@@ -116,19 +116,15 @@ pub struct WallClock {
 impl WallClock {
     /// A clock that starts now.
     pub fn new() -> Self {
-        Self {
-            origin: WallTime::start(),
-            tick: Duration::from_millis(4),
-            advance: None,
-        }
+        Self::since(WallTime::start())
     }
 
-    /// A clock that started with `time`.
-    #[must_use]
-    pub fn since(time: WallTime) -> Self {
+    /// A clock of a time that others read too.
+    pub fn since(origin: WallTime) -> Self {
         Self {
-            origin: time,
-            ..Self::new()
+            origin,
+            tick: Duration::from_millis(4),
+            advance: None,
         }
     }
 

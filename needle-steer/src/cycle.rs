@@ -3,19 +3,24 @@
 //! [`Cycle::step`] is the data flow in order, one line a stage. It is a function of the cycle's
 //! state and the [`Snapshot`]: no I/O, no clock.
 
-use hal::frame::{ArmBase, LeftCamera, World};
-use hal::telemetry::{ModelReport, Phase, SteeringMode, Telemetry, Tracking};
-use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, Transform, Twist};
+use hal::frame::LeftCamera;
+use hal::telemetry::{Phase, SteeringMode, Telemetry, Tracking};
+use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, StereoFrame, Transform, Twist};
 use hybrid_control::view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
 use hybrid_control::{
-    Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, lateral_error,
-    law_by_name, target_ahead,
+    Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, TissueField,
+    TissueMotion, lateral_error, law_by_name, target_ahead,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
-use robots::kinematics::{Chain, RateSettings, TurnBudget};
+use robots::kinematics::{RateSettings, TurnBudget};
+use serde::{Deserialize, Serialize};
+use vision::track::TrackSettingsError;
 
-use crate::config::Config;
+pub use crate::bearings::{Bearings, base_pose};
+use crate::bearings::{entry_point, first_telemetry};
+use crate::config::{Config, TargetKind};
 use crate::odometry::Odometry;
+use crate::sight::Sight;
 use crate::springs::{self, SpringsError, SpringsModel};
 use crate::withdrawal::Withdrawal;
 
@@ -33,21 +38,25 @@ pub struct Snapshot<'a> {
     pub dt: f64,
     /// Newest encoder reading.
     pub arm: &'a ArmState,
-    /// A new measurement of the needle, if one arrived.
+    /// A new measurement of the needle, if a shape sensor made one.
     pub shape: Option<&'a SensedShape>,
+    /// A new pair of images, if cameras took one.
+    pub pair: Option<&'a StereoFrame>,
+    /// A new measurement of the marker that the tissue carries, if one arrived.
+    pub marker: Option<SeenMarker>,
     /// What the run is doing.
     pub phase: Phase,
 }
 
-/// Where things stand, as calibration and registration know it.
-#[derive(Clone, Debug)]
-pub struct Bearings {
-    /// The arm's chain from its base to the needle's base.
-    pub chain: Chain,
-    /// Place of the arm.
-    pub world_from_arm_base: Transform<World, ArmBase>,
-    /// Registration of the stereo frame.
-    pub world_from_left_camera: Transform<World, LeftCamera>,
+/// A marker of the moving tissue as a sensor saw it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SeenMarker {
+    /// Exposure.
+    pub stamp: Stamp,
+    /// Where it was.
+    pub position: Position<LeftCamera>,
+    /// Standard deviation per axis \[m\].
+    pub sigma: f64,
 }
 
 /// A configuration that makes no cycle.
@@ -62,6 +71,9 @@ pub enum CycleError {
     /// The estimator.
     #[error(transparent)]
     Estimator(#[from] EstimatorError),
+    /// The tracker.
+    #[error(transparent)]
+    Tracker(#[from] TrackSettingsError),
 }
 
 /// The controller.
@@ -74,12 +86,17 @@ pub struct Cycle {
     odometry: Odometry,
     withdrawal: Withdrawal,
     estimator: Estimator,
+    /// Where the target is a marker: how the tissue moves.
+    motion: Option<TissueMotion>,
+    /// Tissue now; nothing where it does not move.
+    field: Option<TissueField>,
     springs: SpringsModel,
     straight: Box<dyn Law>,
     law: Box<dyn Law>,
     target: Option<Position<LeftCamera>>,
     withdrawn: bool,
     shaft: Vec<(Point3<f64>, f64)>,
+    sight: Option<Sight>,
     telemetry: Telemetry,
 }
 
@@ -99,6 +116,7 @@ impl Cycle {
         let start = Start {
             length: needle.length(),
             bending_stiffness: needle.bending_stiffness(),
+            cutting_edge: springs::bevel_length(config),
             entry,
             world_from_base,
         };
@@ -112,12 +130,16 @@ impl Cycle {
             odometry: Odometry::new(ODOMETRY),
             withdrawal: Withdrawal::default(),
             estimator,
+            motion: (config.target.kind == TargetKind::Marker)
+                .then(|| TissueMotion::new(&config.motion, &entry)),
+            field: None,
             springs: SpringsModel::new(config, &world_from_base)?,
             straight: law_by_name("none", &config.law)?,
             law: law_by_name(&config.run.law, &config.law)?,
             target: None,
             withdrawn: false,
             shaft: Vec::with_capacity(128),
+            sight: Sight::of(config, &bearings)?,
             telemetry: first_telemetry(state, &world_from_base, &tip.world_from_tip),
             bearings,
         })
@@ -128,9 +150,11 @@ impl Cycle {
         self.law = law;
     }
 
-    /// Sets the target, in the stereo frame.
+    /// Sets the target, in the stereo frame, and prepares the law for it. Where the target is a
+    /// marker the cycle goes on following that.
     pub fn set_target(&mut self, target: Position<LeftCamera>) {
         self.target = Some(target);
+        self.law.reset();
     }
 
     /// The newest telemetry.
@@ -148,6 +172,11 @@ impl Cycle {
         &self.estimator
     }
 
+    /// What the tracker made of the newest pair; nothing where no images close the loop.
+    pub fn sight(&self) -> Option<&Sight> {
+        self.sight.as_ref()
+    }
+
     /// The limits of the laws.
     pub fn limits(&self) -> &Limits {
         &self.limits
@@ -156,11 +185,17 @@ impl Cycle {
     /// One step; the answer's `joint_rates` are the command.
     pub fn step(&mut self, snapshot: &Snapshot<'_>) -> &Telemetry {
         let base = self.base(snapshot);
-        let measured = snapshot.shape.map(|shape| self.measure(shape));
+        let base = self.at_rest(snapshot, &base);
+        let measured = match snapshot.shape {
+            Some(shape) => Some(self.measure(shape)),
+            None => snapshot.pair.and_then(|pair| self.track(pair)),
+        };
         let tip = self.estimator.predict(snapshot.now, &base);
         let springs = self.model(&base, &tip);
         let target = self.target_in_world(&tip);
         let decision = self.decide(snapshot, &base, &tip, springs.as_ref(), target);
+        let decision = self.follow_tissue(&base, decision);
+        self.show();
         let rates = self.joint_rates(snapshot.arm, &decision.twist);
         self.report(snapshot, &base, &tip, target, measured, decision, rates);
         &self.telemetry
@@ -170,30 +205,79 @@ impl Cycle {
     fn base(&mut self, snapshot: &Snapshot<'_>) -> Isometry3<f64> {
         let base = base_pose(&self.bearings, snapshot.arm);
         self.odometry.push(snapshot.arm.stamp, base);
+        base
+    }
+
+    /// The base where the tissue is at rest: estimator, model and law work there.
+    fn at_rest(&mut self, snapshot: &Snapshot<'_>, base: &Isometry3<f64>) -> Isometry3<f64> {
+        if let Some(motion) = &mut self.motion {
+            if let Some(seen) = snapshot.marker {
+                let place = self.bearings.world_from_left_camera * seen.position;
+                motion.observe(seen.stamp, place.point(), seen.sigma);
+            }
+            self.field = Some(motion.field_to_follow(snapshot.now));
+        }
+        let base = self.field.map_or(*base, |field| field.pose_to_rest(base));
         if matches!(snapshot.phase, Phase::PreInsertion | Phase::Steering) {
             self.withdrawal.note(&base);
         }
         base
     }
 
+    /// Images to curves to shape, with the base pose of their own instant.
+    fn track(&mut self, pair: &StereoFrame) -> Option<SensedTip> {
+        let world_from_base = self.odometry.at(pair.left.stamp)?;
+        let mut sight = self.sight.take()?;
+        let tracked = sight.look(pair, &world_from_base, &self.telemetry.model.shape);
+        let tip = match tracked {
+            Ok(tracked) if tracked.status == Tracking::Tracked => {
+                Some(self.measure(&tracked.shape))
+            }
+            _ => {
+                self.telemetry.tracking = tracked.map_or(Tracking::Lost, |tracked| tracked.status);
+                None
+            }
+        };
+        self.sight = Some(sight);
+        tip
+    }
+
+    /// Adds the tissue's own motion to what the law wants of the base at rest.
+    fn follow_tissue(&self, base: &Isometry3<f64>, mut decision: Decision) -> Decision {
+        if let Some(field) = &self.field {
+            decision.twist = field.twist_within(base, &decision.twist, &self.limits);
+        }
+        decision
+    }
+
     /// Takes a measurement in, with the base pose of its own instant.
     fn measure(&mut self, shape: &SensedShape) -> SensedTip {
         let world_from_camera = &self.bearings.world_from_left_camera;
+        if let Some(motion) = &mut self.motion {
+            motion.observe_tip(
+                shape.stamp,
+                (*world_from_camera * shape.tip.position).point(),
+                &world_from_camera.rotate_direction(&shape.tip.direction),
+                (shape.tip.covariance.trace() / 3.0).sqrt(),
+            );
+        }
+        let then = self.motion.as_ref().map(|motion| motion.field(shape.stamp));
+        let place = |p: &Position<LeftCamera>| {
+            let point = *(*world_from_camera * *p).point();
+            then.map_or(point, |field| field.point_to_rest(&point))
+        };
         self.shaft.clear();
-        self.shaft.extend(
-            shape
-                .points
-                .iter()
-                .map(|p| (*(*world_from_camera * p.position).point(), p.sigma)),
-        );
-        if let Some(world_from_base) = self.odometry.at(shape.stamp) {
+        self.shaft
+            .extend(shape.points.iter().map(|p| (place(&p.position), p.sigma)));
+        if let Some(base) = self.odometry.at(shape.stamp) {
             let variance = shape.tip.covariance.trace() / 3.0;
+            let direction = world_from_camera.rotate_direction(&shape.tip.direction);
             let health = self.estimator.observe(&Observation {
                 stamp: shape.stamp,
-                world_from_base,
-                position: *(*world_from_camera * shape.tip.position).point(),
+                world_from_base: then.map_or(base, |field| field.pose_to_rest(&base)),
+                position: place(&shape.tip.position),
                 position_sigma: variance.sqrt(),
-                direction: world_from_camera.rotate_direction(&shape.tip.direction),
+                direction: then.map_or(direction, |field| field.direction_to_rest(&direction)),
                 direction_sigma: shape.tip.direction_sigma,
                 shaft: &self.shaft,
             });
@@ -220,8 +304,28 @@ impl Cycle {
         springs
     }
 
+    /// The path that the law expects; all that was computed at rest is shown where it is now.
+    fn show(&mut self) {
+        let model = &mut self.telemetry.model;
+        self.law
+            .predicted_path(&self.estimator, &mut model.predicted_path);
+        if let Some(field) = &self.field {
+            let points = [
+                &mut model.shape,
+                &mut model.spring_points,
+                &mut model.rest_points,
+                &mut model.predicted_path,
+            ];
+            for point in points.into_iter().flatten() {
+                *point = field.point_from_rest(&Point3::from(*point)).coords;
+            }
+        }
+    }
+
     fn target_in_world(&self, tip: &Tip) -> Target {
+        let marker = self.motion.as_ref().and_then(TissueMotion::rest);
         let position = match self.target {
+            Some(_) if marker.is_some() => marker.unwrap_or_default(),
             Some(target) => *(self.bearings.world_from_left_camera * target).point(),
             // None set yet: far ahead on the tip axis.
             None => Point3::from(tip.world_from_tip.translation.vector + tip.axis()),
@@ -332,8 +436,13 @@ impl Cycle {
         t.arm_mode = snapshot.arm.mode;
         t.joints = snapshot.arm.positions;
         t.joint_rates = rates.rates;
-        t.world_from_base = Transform::assume(*base);
-        t.world_from_tip = Transform::assume(tip.world_from_tip);
+        let now = |pose: &Isometry3<f64>| self.field.map_or(*pose, |f| f.pose_from_rest(pose));
+        let world_from_tip = now(&tip.world_from_tip);
+        let place = self
+            .field
+            .map_or(target.position, |f| f.point_from_rest(&target.position));
+        t.world_from_base = Transform::assume(now(base));
+        t.world_from_tip = Transform::assume(world_from_tip);
         t.base_twist = decision.twist;
         if measured.is_some() {
             t.measured_tip = measured;
@@ -341,9 +450,13 @@ impl Cycle {
             t.tracking = Tracking::Predicted;
         }
         if let Some(given) = self.target {
-            t.target = given;
-            t.lateral_error = lateral_error(&tip.world_from_tip, &target.position);
-            t.axial_distance = target_ahead(&tip.world_from_tip, &target.position);
+            t.target = if self.field.is_some() {
+                self.bearings.world_from_left_camera.inverse() * Position::new(place)
+            } else {
+                given
+            };
+            t.lateral_error = lateral_error(&world_from_tip, &place);
+            t.axial_distance = target_ahead(&world_from_tip, &place);
         }
         t.depth = self.estimator.depth().max(0.0);
         t.law = decision.report;
@@ -358,54 +471,5 @@ impl core::fmt::Debug for Cycle {
             .field("law", &self.law.name())
             .field("step", &self.telemetry.step)
             .finish_non_exhaustive()
-    }
-}
-
-/// World pose of the needle's base at an encoder reading.
-pub fn base_pose(bearings: &Bearings, state: &ArmState) -> Isometry3<f64> {
-    bearings.world_from_arm_base.isometry() * bearings.chain.forward(&state.positions)
-}
-
-/// Where the needle's axis meets the surface.
-fn entry_point(config: &Config, world_from_base: &Isometry3<f64>) -> Point3<f64> {
-    let (surface, inward) = (config.entry(), config.inward());
-    let axis = world_from_base.rotation * Vector3::z();
-    let origin = Point3::from(world_from_base.translation.vector);
-    let slope = axis.dot(&inward);
-    if slope < 0.1 {
-        return surface;
-    }
-    origin + axis * ((surface - origin).dot(&inward) / slope)
-}
-
-/// Telemetry before the first step.
-fn first_telemetry(
-    state: &ArmState,
-    world_from_base: &Isometry3<f64>,
-    world_from_tip: &Isometry3<f64>,
-) -> Telemetry {
-    Telemetry {
-        step: 0,
-        stamp: state.stamp,
-        image_stamp: None,
-        phase: Phase::Idle,
-        tracking: Tracking::None,
-        arm_mode: state.mode,
-        joints: state.positions,
-        joint_rates: state.positions.zeroed(),
-        world_from_base: Transform::assume(*world_from_base),
-        world_from_tip: Transform::assume(*world_from_tip),
-        base_twist: Twist::zero(),
-        measured_tip: None,
-        target: Position::new(Point3::origin()),
-        lateral_error: f64::NAN,
-        axial_distance: f64::NAN,
-        depth: 0.0,
-        law: hal::telemetry::LawReport {
-            mode: SteeringMode::Hold,
-            ..Default::default()
-        },
-        model: ModelReport::default(),
-        truth: None,
     }
 }

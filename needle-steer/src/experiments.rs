@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde::Serialize;
 
-use crate::config::{Config, TargetKind};
+use phantom::{Draw, Settings, SettingsError};
+
+use crate::config::{Config, PlantKind, TargetKind};
 use crate::outcome::Summary;
 use crate::statistics::{median, percentile};
 
@@ -65,6 +67,45 @@ pub const EXPERIMENTS: [Experiment; 4] = [
     },
 ];
 
+/// In whose place an experiment is carried out. The null and the oracle bracket every result of a
+/// law; the same-model column beside it tells what the phantom's other physics costs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Column {
+    /// The law on the phantom.
+    #[default]
+    Phantom,
+    /// No control: the upper bracket.
+    Null,
+    /// The law told the truth: exact measurements without delay or loss, a robot without flaws,
+    /// the run's true stiffness, cut angle and compliance at the start. The lower bracket.
+    Oracle,
+    /// The law on the controller's own model in the phantom's place.
+    SameModel,
+}
+
+impl Column {
+    /// All that say something about an experiment: uncontrolled ones are their own null, and
+    /// have nothing to know.
+    pub fn of(experiment: &Experiment) -> &'static [Self] {
+        if experiment.controlled {
+            &[Self::Phantom, Self::Null, Self::Oracle, Self::SameModel]
+        } else {
+            &[Self::Phantom, Self::SameModel]
+        }
+    }
+
+    /// The name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Phantom => "phantom",
+            Self::Null => "null",
+            Self::Oracle => "oracle",
+            Self::SameModel => "same model",
+        }
+    }
+}
+
 /// What to reproduce.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -76,6 +117,8 @@ pub struct Plan {
     pub first_seed: u64,
     /// Number of seeds.
     pub runs: u64,
+    /// Whether null, oracle and same model go with every experiment.
+    pub brackets: bool,
     /// Everything else.
     pub base: Config,
 }
@@ -92,16 +135,68 @@ impl Plan {
         config.run.seed = seed;
         // A law that cannot reach the target is measured all the same.
         config.run.check_reach = false;
-        config.target.kind = if experiment.offset_mm > 0.0 {
-            TargetKind::Shifted
-        } else {
-            TargetKind::Aligned
+        config.target.kind = match self.base.target.kind {
+            TargetKind::Marker => TargetKind::Marker,
+            _ if experiment.offset_mm > 0.0 => TargetKind::Shifted,
+            _ => TargetKind::Aligned,
         };
         config.target.depth_mm = 80.0;
         config.target.offset_mm = experiment.offset_mm;
         config.target.angle_deg = experiment.angle_deg;
         config
     }
+
+    /// Configuration of one run in one column.
+    ///
+    /// # Errors
+    /// The phantom's settings.
+    pub fn config_in(
+        &self,
+        column: Column,
+        experiment: &Experiment,
+        seed: u64,
+    ) -> Result<Config, SettingsError> {
+        let mut config = self.config(experiment, seed);
+        match column {
+            Column::Phantom => {}
+            Column::Null => "none".clone_into(&mut config.run.law),
+            Column::Oracle => tell_truth(&mut config)?,
+            Column::SameModel => config.run.plant = PlantKind::Model,
+        }
+        Ok(config)
+    }
+
+    fn columns(&self, experiment: &Experiment) -> &'static [Column] {
+        if self.brackets {
+            Column::of(experiment)
+        } else {
+            &[Column::Phantom]
+        }
+    }
+}
+
+/// Takes away what stands between the controller and the truth of this run.
+fn tell_truth(config: &mut Config) -> Result<(), SettingsError> {
+    let settings = Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
+    let draw = Draw::new(&settings, config.run.seed);
+    let exact = Settings::default();
+    for (name, table) in [
+        ("sensor", toml::Table::try_from(exact.sensor)),
+        ("robot", toml::Table::try_from(exact.robot)),
+    ] {
+        // Plain numbers: they always make a table.
+        if let Ok(table) = table {
+            config.phantom.insert(name.into(), table.into());
+        }
+    }
+    let e = &mut config.estimator;
+    e.stiffness_n_m2 = draw.stiffness;
+    e.stiffness_sigma = 0.2;
+    e.cut_angle_deg = draw.cut_angle.to_degrees();
+    e.cut_angle_sigma = 0.15;
+    e.tip_compliance_deg_n = settings.tip.compliance_deg_n;
+    e.axial_load_n = settings.tip.cutting_n;
+    Ok(())
 }
 
 /// One run in the table.
@@ -148,6 +243,8 @@ pub struct ExperimentResult {
     pub experiment: Experiment,
     /// Law in force.
     pub law: String,
+    /// In whose place.
+    pub column: Column,
     /// All runs, by seed.
     pub runs: Vec<RunFigures>,
     /// Median of the true error \[mm\].
@@ -159,11 +256,12 @@ pub struct ExperimentResult {
 }
 
 impl ExperimentResult {
-    fn new(experiment: Experiment, law: String, runs: Vec<RunFigures>) -> Self {
+    fn new(experiment: Experiment, law: String, column: Column, runs: Vec<RunFigures>) -> Self {
         let errors: Vec<f64> = runs.iter().map(|run| run.true_error_mm).collect();
         Self {
             experiment,
             law,
+            column,
             median_mm: median(&errors),
             p5_mm: percentile(&errors, 0.05),
             p95_mm: percentile(&errors, 0.95),
@@ -176,33 +274,39 @@ impl ExperimentResult {
 ///
 /// # Errors
 /// The first run, in order, that could not be carried out.
-pub fn reproduce<E: Send>(
+pub fn reproduce<E: Send + From<SettingsError>>(
     plan: &Plan,
     jobs: usize,
     run: impl Fn(&Config) -> Result<Summary, E> + Sync,
     progress: impl Fn() + Sync,
 ) -> Result<Vec<ExperimentResult>, E> {
-    let tasks: Vec<(Experiment, Config)> = plan
+    let cells: Vec<(Experiment, Column)> = plan
         .experiments
         .iter()
-        .flat_map(|e| (0..plan.runs).map(move |k| (*e, plan.config(e, plan.first_seed + k))))
+        .flat_map(|e| plan.columns(e).iter().map(|column| (*e, *column)))
         .collect();
-    let mut results = in_parallel(&tasks, jobs, |(_, config)| {
+    let mut tasks: Vec<Config> = Vec::new();
+    for (experiment, column) in &cells {
+        for seed in plan.first_seed..plan.first_seed + plan.runs {
+            tasks.push(plan.config_in(*column, experiment, seed)?);
+        }
+    }
+    let mut results = in_parallel(&tasks, jobs, |config| {
         let figures = run(config).map(|summary| RunFigures::from(&summary));
         progress();
         figures
     })
     .into_iter();
-    plan.experiments
-        .iter()
-        .map(|experiment| {
+    cells
+        .into_iter()
+        .map(|(experiment, column)| {
             let runs: Result<Vec<_>, E> = (0..plan.runs).filter_map(|_| results.next()).collect();
-            let law = if experiment.controlled {
+            let law = if experiment.controlled && column != Column::Null {
                 plan.law.clone()
             } else {
                 "none".to_owned()
             };
-            Ok(ExperimentResult::new(*experiment, law, runs?))
+            Ok(ExperimentResult::new(experiment, law, column, runs?))
         })
         .collect()
 }
@@ -256,11 +360,37 @@ mod tests {
             law: "paper".into(),
             first_seed: 5,
             runs: 2,
+            brackets: false,
             base: Config::default(),
         };
         assert_eq!(plan.config(&EXPERIMENTS[0], 5).run.law, "none");
         let e4 = plan.config(&EXPERIMENTS[3], 6);
         assert_eq!((e4.run.law.as_str(), e4.run.seed), ("paper", 6));
         assert_eq!((e4.target.offset_mm, e4.target.angle_deg), (10.0, 135.0));
+    }
+
+    #[test]
+    fn columns_change_what_they_say() {
+        let plan = Plan {
+            experiments: EXPERIMENTS.to_vec(),
+            law: "hybrid".into(),
+            first_seed: 5,
+            runs: 1,
+            brackets: true,
+            base: Config::default(),
+        };
+        let at = |column| plan.config_in(column, &EXPERIMENTS[3], 5).unwrap();
+        assert_eq!(at(Column::Null).run.law, "none");
+        assert_eq!(at(Column::SameModel).run.plant, PlantKind::Model);
+        let oracle = at(Column::Oracle);
+        let told = Settings::preset("paper")
+            .unwrap()
+            .overridden(oracle.phantom.clone())
+            .unwrap();
+        assert_eq!(told.sensor, Settings::default().sensor);
+        assert_eq!(told.robot, Settings::default().robot);
+        assert_ne!(oracle.estimator, Config::default().estimator);
+        assert!(oracle.validate().is_ok());
+        assert_eq!(Column::of(&EXPERIMENTS[0]).len(), 2);
     }
 }

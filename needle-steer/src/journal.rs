@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use hal::telemetry::{Phase, Telemetry};
-use hal::{ArmState, RateCommand, SensedShape, Stamp};
+use hal::{ArmState, Position, RateCommand, SensedShape, Stamp};
 use rosbridge::log::{Level, Log, Overflow, Record, RunInfo, WriteError};
 
 use crate::config::Config;
-use crate::cycle::Bearings;
+use crate::cycle::{Bearings, SeenMarker};
 use crate::outcome::Summary;
 use crate::run::Observer;
 
@@ -84,7 +84,41 @@ impl Journal {
     }
 }
 
+/// Word with which the note of a marker begins.
+const MARKER: &str = "marker";
+
+/// A marker's measurement as a note: nanoseconds, position and deviation in metres. Debug output
+/// of a float is the shortest text that reads back as the same bits.
+fn marker_note(marker: &SeenMarker) -> String {
+    let p = marker.position.point();
+    let (x, y, z, sigma) = (p.x, p.y, p.z, marker.sigma);
+    format!(
+        "{MARKER} {} {x:?} {y:?} {z:?} {sigma:?}",
+        marker.stamp.as_nanos()
+    )
+}
+
+/// The marker that a note tells of, if it does.
+pub fn marker_of(note: &str) -> Option<SeenMarker> {
+    let mut words = note.strip_prefix(MARKER)?.split_whitespace();
+    let stamp = Stamp::from_nanos(words.next()?.parse().ok()?);
+    let mut number = || words.next()?.parse::<f64>().ok();
+    Some(SeenMarker {
+        stamp,
+        position: Position::new(nalgebra::Point3::new(number()?, number()?, number()?)),
+        sigma: number()?,
+    })
+}
+
 impl Observer for Journal {
+    fn marker(&mut self, marker: &SeenMarker) {
+        self.write(Record::Note {
+            stamp: marker.stamp,
+            level: Level::Info,
+            text: marker_note(marker),
+        });
+    }
+
     fn start(&mut self, arm: &ArmState) {
         self.write(*arm);
     }
@@ -110,5 +144,23 @@ impl Observer for Journal {
 
     fn command(&mut self, command: &RateCommand) {
         self.write(*command);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_marker_survives_its_note_bit_by_bit() {
+        let marker = SeenMarker {
+            stamp: Stamp::from_nanos(123_456_789_012),
+            position: Position::new(nalgebra::Point3::new(0.1 + 0.2, -0.0, 1e-300)),
+            sigma: 0.05e-3,
+        };
+        let read = marker_of(&marker_note(&marker)).unwrap();
+        assert_eq!(read, marker);
+        assert!(read.position.point().y.is_sign_negative());
+        assert!(marker_of("phase: Steering").is_none() && marker_of("marker 1 2").is_none());
     }
 }

@@ -2,28 +2,36 @@
 //!
 //! Read [`cycle`] first: one step from measurements to joint rates. [`run`](mod@run) moves an arm
 //! with it, [`rig`] assembles the devices that a [`config`] asks for, [`world`] is the simulated
-//! one, [`ros`] the way to topics, [`supervisor`] stops what must not go on. [`experiments`] and
+//! one ([`twin`] puts the controller's own model in the phantom's place), [`ros`] the way to topics,
+//! [`supervisor`] stops what must not go on. [`experiments`], [`comparison`], [`robustness`] and
 //! [`cli`] sit on top.
 //!
 //! **Architecture invariant:** only [`run`](mod@run) and, while no insertion is under way,
 //! [`ros`] write to an arm, and every way out of them stops the arm.
 
 pub mod cycle;
+pub mod sight;
+pub mod bearings;
 pub mod springs;
 pub mod odometry;
 pub mod withdrawal;
 pub mod run;
+mod observer;
 mod aim;
 pub mod controls;
 pub mod rig;
+pub mod host;
 pub mod world;
 pub mod score;
 pub mod ros;
+pub mod cameras;
+pub mod twin;
 pub mod clock;
 pub mod supervisor;
 pub mod config;
 pub mod reference;
 pub mod outcome;
+pub mod progress;
 pub mod journal;
 pub mod replay;
 pub mod diff;
@@ -34,6 +42,8 @@ pub mod series;
 pub mod statistics;
 pub mod plot;
 pub mod experiments;
+pub mod comparison;
+pub mod robustness;
 pub mod cli;
 
 /// Version of this build, with the commit where it is known.

@@ -2,6 +2,10 @@
 
 use serde::Serialize;
 
+use hal::telemetry::Telemetry;
+
+use crate::config::Config;
+use crate::score::TrueFigures;
 use crate::supervisor::StopReason;
 
 /// The verdict of a run.
@@ -11,6 +15,8 @@ pub enum Ended {
     TargetPassed,
     /// The target went out of reach by this much \[m\].
     Unreachable(f64),
+    /// The needle came no nearer for this long \[s\].
+    NoProgress(f64),
     /// The supervisor stopped the run.
     Stopped(StopReason),
     /// The needle was withdrawn to its start on request.
@@ -37,6 +43,7 @@ impl std::fmt::Display for Ended {
             Self::Unreachable(shortfall) => {
                 write!(f, "target out of reach by {:.1} mm", shortfall * 1e3)
             }
+            Self::NoProgress(seconds) => write!(f, "no progress for {seconds:.0} s"),
             Self::Stopped(reason) => write!(f, "stopped: {reason}"),
             Self::Retracted => f.write_str("retracted"),
             Self::Interrupted => f.write_str("interrupted"),
@@ -83,4 +90,33 @@ pub struct Summary {
     pub out: Option<String>,
     /// The log, where one was written.
     pub log: Option<String>,
+}
+
+impl Summary {
+    /// The figures of a run whose last state is `telemetry`; `duration` since the start of
+    /// steering \[s\].
+    pub fn new(
+        config: &Config,
+        ended: Ended,
+        telemetry: &Telemetry,
+        figures: Option<TrueFigures>,
+        duration: f64,
+    ) -> Self {
+        let mm = |value: f64| value.is_finite().then_some(value * 1e3);
+        Self {
+            ended,
+            law: config.run.law.clone(),
+            phantom: config.run.phantom.clone(),
+            seed: config.run.seed,
+            true_error_mm: figures.and_then(|f| mm(f.lateral)),
+            measured_error_mm: mm(telemetry.lateral_error),
+            axial_error_mm: figures.and_then(|f| mm(f.axial)),
+            max_stretch_mm: figures.map_or(0.0, |f| f.max_stretch * 1e3),
+            mean_stretch_mm: figures.map_or(0.0, |f| f.mean_stretch * 1e3),
+            duration_s: duration,
+            steps: telemetry.step,
+            out: None,
+            log: None,
+        }
+    }
 }

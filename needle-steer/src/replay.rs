@@ -15,8 +15,9 @@ use rosbridge::log::{LogReader, ReadError, Record, RunInfo, same_step};
 use serde::Serialize;
 
 use crate::clock::WallTime;
-use crate::config::{self, Config, ConfigError};
-use crate::cycle::{Cycle, CycleError, Snapshot};
+use crate::config::{self, Config, ConfigError, TargetKind};
+use crate::cycle::{Cycle, CycleError, SeenMarker, Snapshot};
+use crate::journal::marker_of;
 use crate::rig::{self, RigBuildError};
 use crate::run::PREDICTION;
 
@@ -220,13 +221,13 @@ impl<'a> Tape<'a> {
                         step: recorded.step,
                     });
                 };
-                let replayed = player.step(&arm, inputs.shape.as_ref(), &recorded);
+                let replayed = player.step(&arm, &inputs, &recorded);
                 return Ok(Some((recorded, replayed)));
             }
-            Record::Stereo(_)
-            | Record::Command(_)
-            | Record::Note { .. }
-            | Record::Document { .. } => {}
+            Record::Note { text, .. } => {
+                self.inputs.marker = marker_of(&text).or(self.inputs.marker);
+            }
+            Record::Stereo(_) | Record::Command(_) | Record::Document { .. } => {}
         }
         Ok(None)
     }
@@ -237,13 +238,17 @@ impl<'a> Tape<'a> {
 struct Inputs {
     arm: Option<ArmState>,
     shape: Option<SensedShape>,
+    marker: Option<SeenMarker>,
 }
 
 /// A cycle that is fed from a log.
 struct Player {
     cycle: Cycle,
+    /// Whether the target is a marker that the cycle follows by itself.
+    follows: bool,
     target: Option<Position<LeftCamera>>,
     last: Option<(Stamp, Phase)>,
+    seen: Option<Stamp>,
 }
 
 impl Player {
@@ -251,19 +256,21 @@ impl Player {
         let bearings = rig::bearings(config, info.world_from_left_camera)?;
         Ok(Self {
             cycle: Cycle::new(config, bearings, start)?,
+            follows: config.target.kind == TargetKind::Marker,
             target: None,
             last: None,
+            seen: None,
         })
     }
 
-    fn step(
-        &mut self,
-        arm: &ArmState,
-        shape: Option<&SensedShape>,
-        recorded: &Telemetry,
-    ) -> &Telemetry {
+    fn step(&mut self, arm: &ArmState, inputs: &Inputs, recorded: &Telemetry) -> &Telemetry {
         let origin = Position::new(nalgebra::Point3::origin());
-        if recorded.target != origin && self.target != Some(recorded.target) {
+        // A marker's own motion is not a new target.
+        let new = match self.target {
+            None => recorded.target != origin,
+            Some(before) => !self.follows && recorded.target != before,
+        };
+        if new {
             self.target = Some(recorded.target);
             self.cycle.set_target(recorded.target);
         }
@@ -276,11 +283,17 @@ impl Player {
             self.cycle.resume();
         }
         self.last = Some((now, phase));
+        // A tracked curve may stand in the log again where a step had no new image.
+        let shape = inputs.shape.as_ref().filter(|s| self.seen != Some(s.stamp));
+        self.seen = shape.map(|s| s.stamp).or(self.seen);
         self.cycle.step(&Snapshot {
             now,
             dt,
             arm,
             shape,
+            // What was tracked in images is logged as a shape.
+            pair: None,
+            marker: inputs.marker,
             phase,
         })
     }

@@ -1,6 +1,6 @@
 //! The run loop: the only code that moves an arm. Every way out of it stops the arm.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
@@ -9,8 +9,11 @@ use crate::aim::{nominal_target, stereo_target};
 use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
+pub use crate::observer::{Observer, Unobserved};
 use crate::outcome::{Ended, Summary};
-use crate::rig::{Rig, RigBuildError};
+use crate::progress::Progress;
+use crate::rig::{Rig, RigBuildError, Sighting};
+use crate::sight::Sight;
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
 use crate::world::in_stereo_frame;
 use hybrid_control::view::Law;
@@ -20,10 +23,12 @@ use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
 pub const PREDICTION: f64 = 0.05;
 /// Straight start where no protocol gives one \[m\].
 const PRE_INSERTION: f64 = 5e-3;
+/// Straight insertion beyond the start by which the needle must have come into sight \[m\].
+const IN_SIGHT: f64 = 8e-3;
 /// Longest wait for the arm to come to rest.
 const REST: Duration = Duration::from_secs(1);
 /// Shortfall of reach that does not end a run \[m\].
-const REACH_TOLERANCE: f64 = 0.5e-3;
+const REACH_TOLERANCE: f64 = 1e-3;
 
 /// A run that could not be carried out; nothing moved, or the arm was stopped.
 #[derive(Debug, thiserror::Error)]
@@ -42,38 +47,14 @@ pub enum RunError {
     Device(#[from] hal::Error),
 }
 
-/// Takes note of a run while it goes on.
-pub trait Observer {
-    /// The arm where the controller starts from; called first.
-    fn start(&mut self, arm: &ArmState) {
-        let _ = arm;
-    }
-
-    /// A law step, with truth in simulation.
-    fn step(&mut self, telemetry: &Telemetry);
-
-    /// What the step read; called before [`Observer::step`].
-    fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
-        let _ = (arm, shape);
-    }
-
-    /// The arm's newest feedback, every arm period.
-    fn arm(&mut self, state: &ArmState) {
-        let _ = state;
-    }
-
-    /// A command that went out.
-    fn command(&mut self, command: &RateCommand) {
-        let _ = command;
-    }
-}
-
-/// Takes note of nothing.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Unobserved;
-
-impl Observer for Unobserved {
-    fn step(&mut self, _: &Telemetry) {}
+/// Builds the devices that `config` asks for and carries out one insertion on them, watched by
+/// nobody.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn simulate(config: &Config) -> Result<Summary, RunError> {
+    let mut rig = Rig::new(config)?;
+    run(config, &mut rig, &mut Unobserved, &Controls::default())
 }
 
 /// Carries out one insertion on `rig`.
@@ -112,11 +93,13 @@ pub struct Insertion<'a> {
     cycle: Cycle,
     supervisor: Supervisor,
     reach: ReachMonitor,
+    progress: Progress,
     phase: Phase,
     before_pause: Phase,
     straight: f64,
     first: ArmState,
     start: nalgebra::Isometry3<f64>,
+    aimed: bool,
     steering_since: Option<Stamp>,
     given_target: Option<Position<hal::frame::LeftCamera>>,
     rates: Joints,
@@ -154,18 +137,16 @@ impl<'a> Insertion<'a> {
         controls: &Controls,
     ) -> Result<Summary, RunError> {
         observer.start(&self.first);
-        self.given_target = controls.take_target();
+        self.given_target = controls.take_target().or(self.given_target);
         if config.run.check_reach {
             self.check_target(config)?;
         }
         if config.run.dry_run {
             return Ok(self.summary(config, Ended::DryRun));
         }
+        self.attach_marker(config);
         self.rig.arm.enable()?;
-        let ended = self.advance(config, observer, controls);
-        let stopped = self.come_to_rest();
-        let ended = ended?;
-        stopped?;
+        let ended = self.conduct(config, observer, controls)?;
         Ok(self.summary(config, ended))
     }
 
@@ -179,16 +160,12 @@ impl<'a> Insertion<'a> {
         observer: &mut dyn Observer,
         controls: &Controls,
     ) -> Result<Ended, RunError> {
-        self.supervisor = Supervisor::new(bounds(config), self.rig.clock.now());
+        self.supervisor = Supervisor::new(Bounds::of(config), self.rig.clock.now());
         controls.ask(Wish::Retract);
         if self.rig.arm.state()?.mode == ArmMode::Connected {
             self.rig.arm.enable()?;
         }
-        let ended = self.advance(config, observer, controls);
-        let stopped = self.come_to_rest();
-        let ended = ended?;
-        stopped?;
-        Ok(ended)
+        self.conduct(config, observer, controls)
     }
 
     /// The newest telemetry.
@@ -203,16 +180,18 @@ impl<'a> Insertion<'a> {
             .as_ref()
             .map_or(PRE_INSERTION, |world| world.pre_insertion());
         Self {
-            supervisor: Supervisor::new(bounds(config), rig.clock.now()),
+            supervisor: Supervisor::new(Bounds::of(config), rig.clock.now()),
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
+            progress: Progress::default(),
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
             first: *state,
             start,
+            aimed: false,
             steering_since: None,
-            given_target: None,
+            given_target: (config.target.kind == TargetKind::Stereo).then(|| stereo_target(config)),
             rates: state.positions.zeroed(),
             last_law: None,
             rig,
@@ -221,24 +200,42 @@ impl<'a> Insertion<'a> {
 
     /// Refuses a target that cannot be reached, as far as it is known before the start.
     fn check_target(&self, config: &Config) -> Result<(), Unreachable> {
-        let tip = (self.start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3))
-            .coords
-            + self.start.rotation * nalgebra::Vector3::z() * self.straight;
-        let target = match config.target.kind {
-            _ if let Some(given) = self.given_target => {
-                (self.rig.bearings.world_from_left_camera * given).coords()
-            }
-            TargetKind::Stereo => {
-                (self.rig.bearings.world_from_left_camera * stereo_target(config)).coords()
-            }
-            _ => nominal_target(config, &tip, &self.start),
-        };
+        let target = self.given_target.map_or_else(
+            || self.expected_target(config),
+            |target| (self.rig.bearings.world_from_left_camera * target).coords(),
+        );
         reachable_at_start(
             self.cycle.estimator(),
             &target.into(),
             self.cycle.limits(),
             Means::of_law(&config.run.law),
         )
+    }
+
+    /// The target as it lies before anything moves \[m\].
+    fn expected_target(&self, config: &Config) -> nalgebra::Vector3<f64> {
+        let ahead = config.needle.length_mm * 1e-3 + self.straight;
+        let tip = self.start * nalgebra::Point3::new(0.0, 0.0, ahead);
+        nominal_target(config, &tip.coords, &self.start)
+    }
+
+    /// Marks the tissue where the target is to be, so that its motion is known when it counts.
+    fn attach_marker(&self, config: &Config) {
+        if let (TargetKind::Marker, Some(world)) = (config.target.kind, &self.rig.world) {
+            world.attach_marker(&self.expected_target(config));
+        }
+    }
+
+    /// Goes on to the end, and stops the arm whatever the end is.
+    fn conduct(
+        &mut self,
+        config: &Config,
+        observer: &mut dyn Observer,
+        controls: &Controls,
+    ) -> Result<Ended, RunError> {
+        let ended = self.advance(config, observer, controls);
+        let stopped = self.come_to_rest();
+        ended.and_then(|ended| stopped.map(|()| ended))
     }
 
     fn advance(
@@ -298,6 +295,10 @@ impl<'a> Insertion<'a> {
     }
 
     /// Runs the law when a measurement arrived, or on prediction when one is overdue.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "how long a step takes is told to observers and enters no decision"
+    )]
     fn law_step(
         &mut self,
         config: &Config,
@@ -305,28 +306,38 @@ impl<'a> Insertion<'a> {
         state: &ArmState,
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
-        let shape = self.rig.sensor.poll()?;
+        let sight = self.rig.eyes.poll()?;
         let since = self
             .last_law
             .map_or(f64::INFINITY, |last| now.secs_since(last));
-        if shape.is_none() && since < PREDICTION {
+        if sight.is_none() && since < PREDICTION {
             return Ok(());
         }
-        if let Some(shape) = &shape {
-            self.supervisor.image(shape.stamp);
-        }
         self.change_phase(config, now, state);
-        observer.inputs(state, shape.as_ref());
+        let world = self.rig.world.as_ref();
+        let marker = world.and_then(|world| world.poll_marker());
         let dt = if since.is_finite() { since } else { PREDICTION };
+        let begun = Instant::now();
         let telemetry = self.cycle.step(&Snapshot {
             now,
             dt,
             arm: state,
-            shape: shape.as_ref(),
+            shape: sight.shape(),
+            pair: sight.pair(),
+            marker,
             phase: self.phase,
         });
         self.rates = telemetry.joint_rates;
+        observer.timed(begun.elapsed());
         self.last_law = Some(now);
+        self.note_image(&sight);
+        observer.inputs(state, sight.shape().or_else(|| self.tracked()));
+        if let Some(marker) = &marker {
+            observer.marker(marker);
+        }
+        if let (Some(pair), Some(sight)) = (sight.pair(), self.cycle.sight()) {
+            observer.images(pair, sight.tracked());
+        }
         let telemetry = self.cycle.telemetry_mut();
         telemetry
             .law
@@ -337,11 +348,29 @@ impl<'a> Insertion<'a> {
         Ok(())
     }
 
+    /// Tells the supervisor of an image. On its straight way in and out the needle may be out of
+    /// the cameras' sight.
+    fn note_image(&mut self, sight: &Sighting) {
+        let Some(stamp) = sight.stamp() else { return };
+        let may_hide = matches!(self.phase, Phase::PreInsertion | Phase::Retracting);
+        let problem = match self.cycle.sight() {
+            Some(seen) if sight.pair().is_some() && !may_hide => seen.problem(),
+            _ => None,
+        };
+        self.supervisor.image(stamp, problem);
+    }
+
+    /// The shape that the tracker found in the newest pair.
+    fn tracked(&self) -> Option<&SensedShape> {
+        self.cycle.sight().and_then(Sight::shape)
+    }
+
     /// Pauses, retracts or resumes as the user asks.
     fn follow(&mut self, wish: Wish) {
         let wanted = match wish {
             Wish::Proceed if matches!(self.phase, Phase::Paused | Phase::Retracting) => {
                 self.cycle.resume();
+                self.progress.reset();
                 self.before_pause
             }
             Wish::Proceed => self.phase,
@@ -370,38 +399,51 @@ impl<'a> Insertion<'a> {
         if travelled < self.straight {
             return;
         }
-        let target = self.place_target(config);
-        self.cycle.set_target(target);
+        if !self.aimed {
+            let target = self.place_target(config);
+            self.cycle.set_target(target);
+            self.aimed = true;
+        }
+        // Steering begins when the needle is in the cameras' sight, a little deeper at most.
+        if self
+            .cycle
+            .sight()
+            .is_some_and(|sight| sight.shape().is_none())
+            && travelled < self.straight + IN_SIGHT
+        {
+            return;
+        }
         self.phase = Phase::Steering;
         self.steering_since = Some(now);
     }
 
     /// The target in the stereo frame. In simulation the protocol places it by the true tip.
     fn place_target(&self, config: &Config) -> Position<hal::frame::LeftCamera> {
-        let left_from_world = self.rig.left_from_world();
-        let given = match config.target.kind {
-            TargetKind::Stereo => Some(stereo_target(config)),
-            _ => None,
+        let registered = self.rig.left_from_world();
+        let Some(world) = &self.rig.world else {
+            return self.given_target.unwrap_or_else(|| {
+                let tip = self.cycle.telemetry().world_from_tip.origin().coords();
+                in_stereo_frame(&nominal_target(config, &tip, &self.start), &registered)
+            });
         };
-        if let Some(target) = self.given_target.or(given) {
+        if let Some(target) = self.given_target {
             self.watch(target);
             return target;
         }
-        let target = if let Some(world) = &self.rig.world {
-            let target = nominal_target(config, &world.true_tip(), &self.start);
-            world.watch(target);
-            target
-        } else {
-            let tip = self.cycle.telemetry().world_from_tip.origin().coords();
-            nominal_target(config, &tip, &self.start)
+        let target = match config.target.kind {
+            TargetKind::Marker => world
+                .marker()
+                .unwrap_or_else(|| self.expected_target(config)),
+            _ => nominal_target(config, &world.true_tip(), &self.start),
         };
-        in_stereo_frame(&target, &left_from_world)
+        world.watch(target);
+        in_stereo_frame(&target, &world.stereo_from_world())
     }
 
     /// Another target, in the stereo frame.
     fn aim(&mut self, target: Position<hal::frame::LeftCamera>) {
         self.given_target = Some(target);
-        if self.steering_since.is_some() {
+        if self.aimed {
             self.cycle.set_target(target);
             self.watch(target);
         }
@@ -410,7 +452,7 @@ impl<'a> Insertion<'a> {
     /// Keeps the score against a target in the stereo frame.
     fn watch(&self, target: Position<hal::frame::LeftCamera>) {
         if let Some(world) = &self.rig.world {
-            world.watch((self.rig.left_from_world().inverse() * target).coords());
+            world.watch((world.stereo_from_world().inverse() * target).coords());
         }
     }
 
@@ -425,9 +467,12 @@ impl<'a> Insertion<'a> {
         if telemetry.axial_distance <= 0.0 {
             return Some(Ended::TargetPassed);
         }
-        self.reach
-            .update(now, &telemetry.law)
-            .map(Ended::Unreachable)
+        if let Some(shortfall) = self.reach.update(now, &telemetry.law) {
+            return Some(Ended::Unreachable(shortfall));
+        }
+        self.progress
+            .update(now, telemetry.axial_distance)
+            .map(Ended::NoProgress)
     }
 
     /// Stops and waits until the arm is at rest.
@@ -450,38 +495,9 @@ impl<'a> Insertion<'a> {
     fn summary(&self, config: &Config, ended: Ended) -> Summary {
         let telemetry = self.cycle.telemetry();
         let figures = self.rig.world.as_ref().and_then(|world| world.figures());
-        let mm = |value: f64| value.is_finite().then_some(value * 1e3);
-        Summary {
-            ended,
-            law: config.run.law.clone(),
-            phantom: config.run.phantom.clone(),
-            seed: config.run.seed,
-            true_error_mm: figures.and_then(|f| mm(f.lateral)),
-            measured_error_mm: mm(telemetry.lateral_error),
-            axial_error_mm: figures.and_then(|f| mm(f.axial)),
-            max_stretch_mm: figures.map_or(0.0, |f| f.max_stretch * 1e3),
-            mean_stretch_mm: figures.map_or(0.0, |f| f.mean_stretch * 1e3),
-            duration_s: self
-                .steering_since
-                .map_or(0.0, |since| telemetry.stamp.secs_since(since)),
-            steps: telemetry.step,
-            out: None,
-            log: None,
-        }
-    }
-}
-
-fn bounds(config: &Config) -> Bounds {
-    let s = &config.supervisor;
-    let ms = |value: f64| Duration::from_secs_f64(value * 1e-3);
-    Bounds {
-        tissue_stretch: s.tissue_stretch_mm * 1e-3,
-        entry_force: s.entry_force_n,
-        axis: (config.entry(), config.inward()),
-        workspace_radius: s.workspace_radius_mm * 1e-3,
-        image_hold: ms(s.image_hold_ms),
-        image_stop: ms(s.image_stop_ms),
-        encoder_stop: ms(s.encoder_stop_ms),
-        dead_man: (s.dead_man_ms > 0.0).then(|| ms(s.dead_man_ms)),
+        let duration = self
+            .steering_since
+            .map_or(0.0, |since| telemetry.stamp.secs_since(since));
+        Summary::new(config, ended, telemetry, figures, duration)
     }
 }

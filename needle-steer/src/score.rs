@@ -1,8 +1,11 @@
 //! The score of a run in truth, whoever knows the truth.
 
-use hal::Stamp;
+use hal::frame::{LeftCamera, World};
 use hal::telemetry::TruthReport;
+use hal::{Stamp, Transform};
 use nalgebra::Vector3;
+
+use crate::cycle::SeenMarker;
 
 /// A laboratory that knows the truth: the simulated world, or an emulated one elsewhere. Only
 /// protocol, score and telemetry ask it; never a law.
@@ -15,6 +18,25 @@ pub trait GroundTruth: Send {
 
     /// Tip O in truth, World \[m\].
     fn true_tip(&self) -> Vector3<f64>;
+
+    /// Marks the tissue that is at `place` now (World \[m\]), where the laboratory can.
+    fn attach_marker(&self, place: &Vector3<f64>) {
+        let _ = place;
+    }
+
+    /// Where the marker is in truth, World \[m\]; nothing where none is attached.
+    fn marker(&self) -> Option<Vector3<f64>> {
+        None
+    }
+
+    /// The marker as the sensor delivers it, if there is something new.
+    fn poll_marker(&self) -> Option<SeenMarker> {
+        None
+    }
+
+    /// Where the frame of the sensors' measurements truly lies; a registration may think
+    /// otherwise.
+    fn stereo_from_world(&self) -> Transform<LeftCamera, World>;
 
     /// Starts to keep the score against a true target in World \[m\].
     fn watch(&self, target: Vector3<f64>);
@@ -64,6 +86,11 @@ impl Score {
             states: 0.0,
             last: None,
         }
+    }
+
+    /// The target has moved to `target` (World \[m\]).
+    pub const fn follow(&mut self, target: Vector3<f64>) {
+        self.target = target;
     }
 
     /// Takes note of an exposure: tip and its axis in World, largest and mean stretch \[m\].

@@ -51,6 +51,11 @@ pub fn needle(config: &Config) -> Result<Needle, NeedleError> {
     )
 }
 
+/// Length of the bevel: from O to the cutting edge \[m\].
+pub fn bevel_length(config: &Config) -> f64 {
+    config.needle.outer_diameter_mm * 1e-3 / config.needle.bevel_deg.to_radians().tan()
+}
+
 /// The controller's springs model.
 #[derive(Debug)]
 pub struct SpringsModel {

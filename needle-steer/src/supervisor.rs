@@ -7,6 +7,8 @@ use hal::{ArmMode, ArmState, FaultReason, Stamp};
 use nalgebra::{Point3, Unit, Vector3};
 use serde::Serialize;
 
+use crate::config::Config;
+
 /// Bounds in SI units.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bounds {
@@ -26,6 +28,24 @@ pub struct Bounds {
     pub encoder_stop: Duration,
     /// Dead-man's token refreshed longer ago: stop the run; without, no token is asked for.
     pub dead_man: Option<Duration>,
+}
+
+impl Bounds {
+    /// The bounds of a configuration.
+    pub fn of(config: &Config) -> Self {
+        let s = &config.supervisor;
+        let ms = |value: f64| Duration::from_secs_f64(value * 1e-3);
+        Self {
+            tissue_stretch: s.tissue_stretch_mm * 1e-3,
+            entry_force: s.entry_force_n,
+            axis: (config.entry(), config.inward()),
+            workspace_radius: s.workspace_radius_mm * 1e-3,
+            image_hold: ms(s.image_hold_ms),
+            image_stop: ms(s.image_stop_ms),
+            encoder_stop: ms(s.encoder_stop_ms),
+            dead_man: (s.dead_man_ms > 0.0).then(|| ms(s.dead_man_ms)),
+        }
+    }
 }
 
 /// Why the supervisor stopped the run; latched until the run ends.
@@ -55,6 +75,14 @@ pub enum StopReason {
     ImageTimeout {
         /// Age of the newest image \[s\].
         age_s: f64,
+    },
+    /// Images came, but no needle was found in them for too long.
+    #[error("the needle was not found in the images for {age_s:.3} s: {problem}")]
+    NeedleLost {
+        /// Age of the newest image in which it was \[s\].
+        age_s: f64,
+        /// Why it was not found in the newest image.
+        problem: String,
     },
     /// Tissue stretched too far.
     #[error("tissue stretched by {value_m:.4} m, bound {bound_m:.4} m")]
@@ -110,6 +138,8 @@ pub enum Verdict {
 pub struct Supervisor {
     bounds: Bounds,
     newest_image: Stamp,
+    newest_sight: Stamp,
+    problem: String,
     dead_man: (u64, Stamp),
     latched: Option<StopReason>,
 }
@@ -120,14 +150,21 @@ impl Supervisor {
         Self {
             bounds,
             newest_image: start,
+            newest_sight: start,
+            problem: String::new(),
             dead_man: (0, start),
             latched: None,
         }
     }
 
-    /// Notes the exposure of an image that arrived.
-    pub fn image(&mut self, stamp: Stamp) {
+    /// Notes the exposure of an image that arrived, and why the needle was not found in it, if it
+    /// was not.
+    pub fn image(&mut self, stamp: Stamp, problem: Option<String>) {
         self.newest_image = self.newest_image.max(stamp);
+        match problem {
+            None => self.newest_sight = self.newest_sight.max(stamp),
+            Some(problem) => self.problem = problem,
+        }
     }
 
     /// Notes the count of dead-man's tokens.
@@ -149,7 +186,7 @@ impl Supervisor {
         }
         match &self.latched {
             Some(reason) => Verdict::Stop(reason.clone()),
-            None if now.since(self.newest_image) > self.bounds.image_hold => Verdict::Hold,
+            None if now.since(self.newest_sight) > self.bounds.image_hold => Verdict::Hold,
             None => Verdict::Go,
         }
     }
@@ -169,6 +206,12 @@ impl Supervisor {
         if now.since(self.newest_image) > bounds.image_stop {
             return Err(StopReason::ImageTimeout {
                 age_s: now.secs_since(self.newest_image),
+            });
+        }
+        if now.since(self.newest_sight) > bounds.image_stop {
+            return Err(StopReason::NeedleLost {
+                age_s: now.secs_since(self.newest_sight),
+                problem: self.problem.clone(),
             });
         }
         if bounds

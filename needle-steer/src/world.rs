@@ -4,11 +4,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::telemetry::TruthReport;
-use hal::{Error, Joints, Position, SensedShape, ShapeSensor, Stamp, Transform};
+use hal::{
+    Error, Joints, Position, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform,
+};
 use nalgebra::Vector3;
 use phantom::Bench;
 use robots::kinematics::Chain;
 
+use crate::cycle::SeenMarker;
 use crate::score::{GroundTruth, Score, TrueFigures};
 
 /// What moves in the world: an arm whose true joints can be read at any time.
@@ -36,6 +39,7 @@ struct Inner {
     chain: Chain,
     world_from_arm_base: Transform<World, ArmBase>,
     bench: Bench,
+    stereo_from_world: Transform<LeftCamera, World>,
     score: Option<Score>,
 }
 
@@ -44,18 +48,21 @@ struct Inner {
 pub struct SimulatedWorld(Arc<Mutex<Inner>>);
 
 impl SimulatedWorld {
-    /// A world in which `body` carries the needle of `bench`.
+    /// A world in which `body` carries the needle of `bench`; the frame of its sensors'
+    /// measurements truly lies at `stereo_from_world`.
     pub fn new(
         body: Box<dyn Body>,
         chain: Chain,
         world_from_arm_base: Transform<World, ArmBase>,
         bench: Bench,
+        stereo_from_world: Transform<LeftCamera, World>,
     ) -> Self {
         Self(Arc::new(Mutex::new(Inner {
             body,
             chain,
             world_from_arm_base,
             bench,
+            stereo_from_world,
             score: None,
         })))
     }
@@ -73,6 +80,9 @@ impl SimulatedWorld {
             .bench
             .advance_to(stamp, &(inner.world_from_arm_base * base));
         if let Some(score) = &mut inner.score {
+            if let Some(marker) = inner.bench.marker() {
+                score.follow(marker);
+            }
             let truth = inner.bench.truth();
             score.observe(
                 truth.stamp,
@@ -87,8 +97,13 @@ impl SimulatedWorld {
         self.lock().truth()
     }
 
-    /// The sensor of this world.
+    /// The fast sensor of this world.
     pub fn shape_sensor(&self) -> impl ShapeSensor + use<> {
+        WorldSensor(self.clone())
+    }
+
+    /// The cameras of this world.
+    pub fn cameras(&self) -> impl StereoCamera + use<> {
         WorldSensor(self.clone())
     }
 }
@@ -121,6 +136,27 @@ impl GroundTruth for SimulatedWorld {
         self.lock().bench.truth().tip()
     }
 
+    fn attach_marker(&self, place: &Vector3<f64>) {
+        self.lock().bench.attach_marker(place);
+    }
+
+    fn marker(&self) -> Option<Vector3<f64>> {
+        self.lock().bench.marker()
+    }
+
+    fn poll_marker(&self) -> Option<SeenMarker> {
+        let seen = self.lock().bench.poll_marker()?;
+        Some(SeenMarker {
+            stamp: seen.stamp,
+            position: seen.position,
+            sigma: seen.sigma,
+        })
+    }
+
+    fn stereo_from_world(&self) -> Transform<LeftCamera, World> {
+        self.lock().stereo_from_world
+    }
+
     fn watch(&self, target: Vector3<f64>) {
         self.lock().score = Some(Score::new(target));
     }
@@ -150,6 +186,12 @@ struct WorldSensor(SimulatedWorld);
 impl ShapeSensor for WorldSensor {
     fn poll(&mut self) -> Result<Option<SensedShape>, Error> {
         ShapeSensor::poll(&mut self.0.lock().bench)
+    }
+}
+
+impl StereoCamera for WorldSensor {
+    fn poll(&mut self) -> Result<Option<StereoFrame>, Error> {
+        StereoCamera::poll(&mut self.0.lock().bench)
     }
 }
 

@@ -7,6 +7,7 @@ use std::process::{Command, Output, Stdio};
 fn needle_steer(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_needle-steer"))
         .args(arguments)
+        .current_dir(env!("CARGO_TARGET_TMPDIR"))
         .stdin(Stdio::null())
         .output()
         .unwrap()

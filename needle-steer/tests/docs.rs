@@ -119,7 +119,10 @@ fn files_of(text: &str) -> Vec<(String, String)> {
     while let Some(line) = lines.next() {
         if line == "```toml" {
             let body: Vec<&str> = lines.by_ref().take_while(|l| *l != "```").collect();
-            if let Some(name) = last.split('`').find(|word| word.ends_with(".toml")) {
+            if let Some(name) = last
+                .split('`')
+                .find(|word| Path::new(word).extension().is_some_and(|e| e == "toml"))
+            {
                 files.push((name.to_owned(), body.join("\n") + "\n"));
             }
         } else if !line.is_empty() {

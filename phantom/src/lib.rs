@@ -25,7 +25,9 @@ mod field;
 mod medium;
 mod motion;
 mod path;
+mod resistance;
 mod rod;
+mod skin;
 mod tissue;
 mod twist;
 

@@ -3,8 +3,10 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::path::{CutPath, Foot};
+use crate::resistance::Resistance;
 use crate::rod::Load;
 use crate::rod::band::Band;
+use crate::skin::Skin;
 
 /// The tissue's law beside the shaft, in SI units.
 #[derive(Clone, Copy, Debug)]
@@ -104,6 +106,10 @@ pub(crate) struct Medium<'a> {
     pub(crate) edge_length: f64,
     /// Whether the contacts keep their segments of the path.
     pub(crate) keep_places: bool,
+    /// Resistance to slides other than the predicted one, and whether it acts.
+    pub(crate) resistance: &'a Resistance,
+    pub(crate) resists: bool,
+    pub(crate) skin: &'a mut Skin,
 }
 
 impl Load for Medium<'_> {
@@ -117,10 +123,23 @@ impl Load for Medium<'_> {
         };
         self.add_shaft(path, nodes, force, stiffness);
         self.add_tip(path, nodes, force, stiffness);
+        self.skin.add(self.keep_places, nodes, force, stiffness);
+        if self.resists {
+            for i in 1..nodes.len() {
+                let along = self.resistance.along[i];
+                let (pull, decline) = self.resistance.against(i, &nodes[i]);
+                force[i] += along * pull;
+                stiffness.add_diagonal(i - 1, &(along * along.transpose() * decline));
+            }
+        }
     }
 
     fn keep_places(&mut self, keep: bool) {
         self.keep_places = keep;
+    }
+
+    fn resist(&mut self, resist: bool) {
+        self.resists = resist;
     }
 }
 

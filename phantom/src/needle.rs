@@ -14,8 +14,10 @@ use crate::medium::Contact;
 use crate::motion::Placement;
 use crate::path::CutPath;
 use crate::plant::Plant;
+use crate::resistance::Resistance;
 use crate::rod::{Rod, Section};
 use crate::settings::{Settings, SettingsError};
+use crate::skin::Skin;
 use crate::tissue::Tissue;
 use crate::truth::{Event, Truth};
 use crate::twist::Twist;
@@ -71,6 +73,8 @@ pub struct RodPlant {
     touching: Vec<f64>,
     cutting: f64,
     recent: Recent,
+    resistance: Resistance,
+    skin: Skin,
     iterations: u64,
     memory: Option<Box<Memory>>,
     retries: u32,
@@ -124,6 +128,8 @@ impl RodPlant {
             touching: vec![0.0; elements],
             cutting: 0.0,
             recent: Recent::default(),
+            resistance: Resistance::new(elements + 1),
+            skin: Skin::new(&settings.entry),
             iterations: 0,
             memory: None,
             retries: MOST_RETRIES,
@@ -151,12 +157,20 @@ impl RodPlant {
         (self.world_from_phantom * Point3::from(self.placement.phantom_of(material))).coords
     }
 
+    /// Present place in World of the hole in the skin \[m\], where there is a skin and a needle
+    /// through it.
+    pub fn hole(&self) -> Option<Vector3<f64>> {
+        let hole = self.skin.hole()?;
+        Some((self.world_from_phantom * Point3::from(hole)).coords)
+    }
+
     /// Energy stored in the bent and twisted shaft and in the displaced tissue \[J\].
     pub fn stored_energy(&self) -> f64 {
         let contact = &self.contact;
         let law = &self.tissue.law;
-        let mut energy =
-            self.rod.energy() + 0.5 * contact.tip_force.norm_squared() / self.settings.tip.hold_n_m;
+        let mut energy = self.rod.energy()
+            + self.skin.energy()
+            + 0.5 * contact.tip_force.norm_squared() / self.settings.tip.hold_n_m;
         if let Some(path) = &self.path {
             for i in contact.first..contact.feet.len() {
                 let bed = path.bed(&contact.feet[i]);
@@ -190,18 +204,22 @@ impl RodPlant {
                 self.report(Event::Buckling);
             }
             self.cut(advance);
+        } else {
+            // A shape out of balance cuts nothing; a broken one is not even kept.
+            if !sound {
+                self.recall();
+                self.seconds += dt;
+            }
+            self.report(Event::Unconverged {
+                last_step_m: solution.last_step,
+                held: !sound,
+            });
+        }
+        // What gives way under load does so even there: it is the way back to balance.
+        if found || sound && jump < LARGEST_JUMP {
             self.age(dt);
-            return;
+            self.skin.yield_to_shaft(&self.placement);
         }
-        // A shape out of balance cuts and tears nothing; a broken one is not even kept.
-        if !sound {
-            self.recall();
-            self.seconds += dt;
-        }
-        self.report(Event::Unconverged {
-            last_step_m: solution.last_step,
-            held: !sound,
-        });
     }
 
     /// Everything of a step up to its equilibrium; how far the prediction slides \[m\].
@@ -212,6 +230,7 @@ impl RodPlant {
             if let Some(path) = &mut self.path {
                 path.place(&self.placement);
             }
+            self.skin.place(&self.placement);
         }
         let before = self.edge();
         let bevel_before = self.bevel_direction(&before.1);
@@ -293,6 +312,8 @@ impl Plant for RodPlant {
         self.contact = Contact::new(n.elements + 1);
         self.path = None;
         self.parked = None;
+        self.skin = Skin::new(&self.settings.entry);
+        self.retries = MOST_RETRIES;
         self.placement = Placement::at_rest();
         self.seconds = 0.0;
         self.cutting = 0.0;

@@ -31,7 +31,7 @@ pub enum Event {
         reused: bool,
     },
     /// No equilibrium was found, not even in smaller steps: the shape is out of balance (the last
-    /// Newton step tells how far) and nothing was cut, relaxed or torn.
+    /// Newton step tells how far) and nothing was cut.
     Unconverged {
         /// Length of the last step \[m\].
         last_step_m: f64,

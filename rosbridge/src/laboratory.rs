@@ -4,8 +4,9 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
+use hal::frame::LeftCamera;
 use hal::telemetry::TruthReport;
-use hal::{Error, SensedShape, ShapeSensor, Stamp};
+use hal::{Error, SensedShape, ShapeSensor, Stamp, Transform};
 
 use crate::convert;
 use crate::msg::needle_steer_msgs::{Shape, World};
@@ -78,6 +79,8 @@ pub struct Hidden {
     pub truth: TruthReport,
     /// Straight start that the protocol asks for \[m\].
     pub pre_insertion: f64,
+    /// Where the frame of the measurements truly lies.
+    pub stereo_from_world: Transform<LeftCamera, hal::frame::World>,
 }
 
 /// The hidden truths of an emulated laboratory, in their order.
@@ -107,6 +110,7 @@ impl Laboratory {
             stamp: convert::stamp(message.truth_stamp),
             truth: (&message.truth).into(),
             pre_insertion: message.pre_insertion,
+            stereo_from_world: convert::from_pose(&message.stereo_from_world),
         });
     }
 

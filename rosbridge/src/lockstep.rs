@@ -9,13 +9,14 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use hal::{Clock, SensedShape, Stamp};
+use hal::{CameraFrame, Clock, Error, SensedShape, Stamp, StereoCamera, StereoFrame};
 
 use crate::arm::core::Core;
 use crate::arm::{RosArm, RosArmError, RosArmOptions, feedback_of};
 use crate::convert;
 use crate::laboratory::{LABORATORY, Laboratory, RosShapes};
 use crate::msg::needle_steer_msgs::{Advance, World};
+use crate::msg::sensor_msgs;
 use crate::seam::{Inlet, Node, NodeClock, Outlet, lock};
 use crate::status;
 
@@ -39,8 +40,33 @@ pub struct Lockstep {
     advance: Outlet<Advance>,
     states: Receiver<World>,
     shapes: RosShapes,
+    cameras: LockstepCameras,
     laboratory: Laboratory,
     lost: bool,
+}
+
+/// Cameras whose images come with the laboratory's states.
+#[derive(Clone, Debug, Default)]
+pub struct LockstepCameras {
+    newest: Arc<Mutex<Option<StereoFrame>>>,
+}
+
+impl LockstepCameras {
+    fn put(&self, [left, right]: &[sensor_msgs::Image; 2]) {
+        let frame = |image: &sensor_msgs::Image| -> Option<CameraFrame> {
+            convert::from_image(image.clone()).ok()
+        };
+        // Images of another encoding are none: the cameras stay silent.
+        if let (Some(left), Some(right)) = (frame(left), frame(right)) {
+            *lock(&self.newest) = Some(StereoFrame { left, right });
+        }
+    }
+}
+
+impl StereoCamera for LockstepCameras {
+    fn poll(&mut self) -> Result<Option<StereoFrame>, Error> {
+        Ok(lock(&self.newest).take())
+    }
 }
 
 /// A controller's devices in lockstep.
@@ -50,8 +76,10 @@ pub struct Parts {
     pub arm: RosArm,
     /// The clock of the run.
     pub clock: Lockstep,
-    /// What sees the needle.
+    /// The sensor of needle shapes.
     pub shapes: RosShapes,
+    /// The cameras.
+    pub cameras: LockstepCameras,
     /// The hidden truth.
     pub laboratory: Laboratory,
 }
@@ -79,6 +107,7 @@ impl Lockstep {
             advance: Outlet::new(node, ADVANCE, 4, false)?,
             states,
             shapes: RosShapes::default(),
+            cameras: LockstepCameras::default(),
             laboratory: Laboratory::default(),
             lost: false,
         };
@@ -91,6 +120,7 @@ impl Lockstep {
         Ok(Parts {
             arm,
             shapes: clock.shapes.clone(),
+            cameras: clock.cameras.clone(),
             laboratory: clock.laboratory.clone(),
             clock,
         })
@@ -113,6 +143,9 @@ impl Lockstep {
             .filter_map(|m| SensedShape::try_from(m).ok())
         {
             self.shapes.put(shape);
+        }
+        for pair in state.images.as_chunks::<2>().0 {
+            self.cameras.put(pair);
         }
         self.laboratory.put(state);
     }

@@ -3,10 +3,10 @@
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, FaultReason, SensedShape, ShapeSensor};
 use nalgebra::{Point3, Vector3};
-use needle_steer::config::{Config, TargetKind};
+use needle_steer::config::{Config, SensorKind, TargetKind};
 use needle_steer::controls::{Controls, Wish};
 use needle_steer::outcome::{Ended, Summary};
-use needle_steer::rig::Rig;
+use needle_steer::rig::{Eyes, Rig};
 use needle_steer::run::{Observer, run};
 use needle_steer::supervisor::StopReason;
 use robots::sim::Fault;
@@ -16,6 +16,7 @@ fn short_insertion() -> Config {
     let mut config = Config::default();
     config.run.phantom = "ideal".into();
     config.run.law = "none".into();
+    config.run.sensor = SensorKind::Shape;
     config.target.kind = TargetKind::Aligned;
     config.target.depth_mm = 20.0;
     config
@@ -196,8 +197,11 @@ impl ShapeSensor for Blind {
 }
 
 fn tamper(rig: &mut Rig, with: impl FnMut(SensedShape) -> Option<SensedShape> + Send + 'static) {
-    let sensor = core::mem::replace(&mut rig.sensor, Box::new(Blind));
-    rig.sensor = Box::new(Tampered(sensor, with));
+    let Eyes::Shape(sensor) = core::mem::replace(&mut rig.eyes, Eyes::Shape(Box::new(Blind)))
+    else {
+        panic!("this rig looks through cameras");
+    };
+    rig.eyes = Eyes::Shape(Box::new(Tampered(sensor, with)));
 }
 
 #[test]

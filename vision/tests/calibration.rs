@@ -1,4 +1,5 @@
 //! Calibration on real photographs, beside OpenCV.
+#![expect(clippy::print_stdout, reason = "a test reports what it measured")]
 #![expect(clippy::unwrap_used, reason = "a test")]
 
 mod reference;

@@ -12,6 +12,8 @@ pub struct Start {
     pub length: f64,
     /// Bending stiffness E I \[N m2\].
     pub bending_stiffness: f64,
+    /// Distance from O to the cutting edge, the length of the bevel \[m\].
+    pub cutting_edge: f64,
     /// The entry.
     pub entry: Entry,
     /// Pose of the base with the tip at the surface, or at the present depth.

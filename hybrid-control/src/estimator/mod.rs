@@ -7,6 +7,7 @@
 
 mod input;
 mod filter;
+mod moment;
 mod path;
 mod rod;
 mod rollout;
@@ -19,27 +20,18 @@ use crate::settings::EstimatorSettings;
 use crate::view::Tip;
 use filter::Filter;
 pub use input::{EstimatorError, Health, Observation, Start};
+use moment::{Moment, advance, azimuth_of, clamp_of, insertion_frame, tip_row};
 use path::CutPath;
-use rod::{COLUMNS, Clamp, Rod, RodConstants, Row};
+use rod::{Clamp, Rod, RodConstants, Row};
 pub use rollout::Rollout;
 use stiffness::StiffnessFit;
-
-/// State at one instant.
-#[derive(Clone, Debug)]
-struct Moment {
-    stamp: Option<Stamp>,
-    filter: Filter,
-    path: CutPath,
-    rod: Rod,
-    clamp: Clamp,
-    azimuth: f64,
-    /// How far the tip is behind the end of its path \[m\].
-    retracted: f64,
-}
 
 /// A tip farther than this behind the end of its path is no longer held by uncut tissue: where
 /// it is then says nothing about the path \[m\].
 const LOOSE: f64 = 0.15e-3;
+
+/// No measurement is taken for better than this \[m\].
+const LEAST_SIGMA: f64 = 1e-6;
 
 /// Load columns of the moment's rod.
 const X: usize = 0;
@@ -95,10 +87,10 @@ impl Estimator {
         positive("stiffness_n_m2", settings.stiffness_n_m2)?;
         positive("step_mm", settings.step_mm)?;
         positive("cut_angle_deg", settings.cut_angle_deg)?;
-        if !(0.0..=20.0).contains(&settings.cutting_edge_mm) {
+        if !(0.0..=0.02).contains(&start.cutting_edge) {
             return Err(EstimatorError::NotPositive {
-                quantity: "cutting_edge_mm",
-                value: settings.cutting_edge_mm,
+                quantity: "cutting edge",
+                value: start.cutting_edge,
             });
         }
         let axis = start.world_from_base.rotation * Vector3::z();
@@ -116,7 +108,7 @@ impl Estimator {
         };
         let base = world_from_insertion.inverse() * start.world_from_base;
         let clamp = clamp_of(&base, &StiffnessFit::new(settings));
-        let reach = settings.cutting_edge_mm * 1e-3;
+        let reach = start.cutting_edge;
         let tip = base * Point3::new(0.0, 0.0, start.length + reach);
         let entry = planar(&clamp.w) - planar(&clamp.slope) * clamp.z;
         let mut path = CutPath::new(settings.step_mm * 1e-3);
@@ -162,7 +154,7 @@ impl Estimator {
                 .all(|x| x.is_finite())
             && o.position_sigma.is_finite()
             && o.direction_sigma.is_finite()
-            && o.position_sigma > 0.0
+            && o.position_sigma >= 0.0
             && o.direction_sigma >= 0.0;
         if !sane {
             return Health::Rejected;
@@ -205,8 +197,10 @@ impl Estimator {
         if m.retracted > LOOSE {
             return Health::Used;
         }
-        m.filter
-            .measure_position(&(position.coords.xy() - slope * ahead), o.position_sigma);
+        m.filter.measure_position(
+            &(position.coords.xy() - slope * ahead),
+            o.position_sigma.max(LEAST_SIGMA),
+        );
         if axis.z > 0.3 {
             let difference = Vector2::new(axis.x / axis.z, axis.y / axis.z) - slope;
             let sigma = o
@@ -239,15 +233,17 @@ impl Estimator {
             present.clamp = measured.clamp;
             present.azimuth = measured.azimuth;
             present.retracted = measured.retracted;
-            advance(
-                present,
-                &base,
-                self.length,
-                self.depth_offset,
-                &self.constants,
-                &self.stiffness,
-                &self.settings,
-            );
+            if self.settings.compensate_latency {
+                advance(
+                    present,
+                    &base,
+                    self.length,
+                    self.depth_offset,
+                    &self.constants,
+                    &self.stiffness,
+                    &self.settings,
+                );
+            }
             self.present_base = *world_from_base;
         }
         let age = self
@@ -377,7 +373,12 @@ impl Estimator {
 
     fn tip(&self, age: f64) -> Tip {
         let m = &self.present;
-        let c = m.filter.position();
+        // A needle drawn back lies in its hole.
+        let c = if m.retracted > LOOSE {
+            planar(&m.path.at((m.path.tip_depth() - m.retracted).max(0.0)))
+        } else {
+            m.filter.position()
+        };
         let slope = planar(&m.rod.tip_slope()) + self.slope_offset;
         let back = Vector3::new(slope.x, slope.y, 1.0);
         let back = back * (self.reach / back.norm());
@@ -417,77 +418,3 @@ impl Estimator {
             .solve(&self.constants, &self.measured.clamp, &self.measured.path);
     }
 }
-
-/// Origin at the entry, z along the inward normal, x nearest to the base's x.
-fn insertion_frame(start: &Start) -> Isometry3<f64> {
-    let z = start.entry.inward.into_inner();
-    let x = start.world_from_base.rotation * Vector3::x();
-    let x = (x - z * z.dot(&x)).normalize();
-    let rotation = nalgebra::Rotation3::from_basis_unchecked(&[x, z.cross(&x), z]);
-    Isometry3::from_parts(
-        Translation3::from(start.entry.point.coords),
-        UnitQuaternion::from_rotation_matrix(&rotation),
-    )
-}
-
-fn azimuth_of(base: &Isometry3<f64>) -> f64 {
-    let bevel = base.rotation * -Vector3::y();
-    bevel.y.atan2(bevel.x)
-}
-
-/// A tip that can be moved by the unit column.
-fn tip_row(v: &Vector2<f64>) -> Row {
-    let mut row = Row::default();
-    row[X] = v.x;
-    row[Y] = v.y;
-    row[TIP] = 1.0;
-    row
-}
-
-/// Clamp of a base pose in the insertion frame, with the columns of unit pivot and shift.
-fn clamp_of(base: &Isometry3<f64>, fit: &StiffnessFit) -> Clamp {
-    let axis = base.rotation * Vector3::z();
-    let origin = base.translation.vector;
-    let slope = Vector2::new(axis.x, axis.y) / axis.z.max(0.3) + fit.base_tilt();
-    let w = origin.xy() + fit.base_shift();
-    Clamp {
-        z: origin.z,
-        w: [w.x, w.y, origin.z, 1.0, 0.0],
-        slope: [slope.x, slope.y, 1.0, 0.0, 0.0],
-    }
-}
-
-/// Moves a moment to a base pose: the tip cuts on by what the base has inserted.
-fn advance(
-    m: &mut Moment,
-    base: &Isometry3<f64>,
-    length: f64,
-    depth_offset: f64,
-    constants: &RodConstants,
-    fit: &StiffnessFit,
-    s: &EstimatorSettings,
-) {
-    let before = m.rod.tip_slope();
-    m.clamp = clamp_of(base, fit);
-    let azimuth = azimuth_of(base);
-    let middle = m.azimuth + 0.5 * crate::tasks::wrap(azimuth - m.azimuth);
-    m.azimuth = azimuth;
-    let depth = (m.clamp.z + length - m.rod.shortening(X, Y) + depth_offset).max(1e-6);
-    let step = (depth - m.path.tip_depth()).max(0.0);
-    m.retracted = (m.path.tip_depth() - depth).max(0.0);
-    let compliance = s.tip_compliance_deg_n.to_radians();
-    let slope = planar(&before) - planar(&m.rod.reaction()) * compliance;
-    m.filter.propagate(step, &slope, before[TIP], middle, s);
-    m.path
-        .extend_to(m.path.tip_depth() + step, &tip_row(&m.filter.position()));
-    m.path.for_each(|_, row| row[TIP] = 0.0);
-    m.path.set_tip(&tip_row(&m.filter.position()));
-    m.rod.solve(constants, &m.clamp, &m.path);
-    // Half of the slope's change belongs to this step already.
-    let change = (planar(&m.rod.tip_slope()) - planar(&before)) * (0.5 * step);
-    let corrected = m.filter.position() + change;
-    m.filter.x.fixed_rows_mut::<2>(0).copy_from(&corrected);
-    m.path.set_tip(&tip_row(&corrected));
-}
-
-const _: () = assert!(COLUMNS > TIP);

@@ -66,7 +66,6 @@ impl CutPath {
     }
 
     /// Lateral position of the path at a depth \[m\].
-    #[cfg(test)]
     pub(crate) fn at(&self, depth: f64) -> Row {
         let last = self.len() - 2;
         let i = self

@@ -4,6 +4,7 @@ use hal::Twist;
 use hal::telemetry::Limit;
 use nalgebra::Vector3;
 
+use crate::estimator::Estimator;
 use crate::view::{Decision, Law, View};
 
 struct Guarded<L>(L);
@@ -33,6 +34,10 @@ impl<L: Law> Law for Guarded<L> {
         }
         keep_limits(&mut decision, view);
         decision
+    }
+
+    fn predicted_path(&self, estimator: &Estimator, path: &mut Vec<Vector3<f64>>) {
+        self.0.predicted_path(estimator, path);
     }
 
     fn reset(&mut self) {
@@ -105,6 +110,11 @@ fn keep_limits(decision: &mut Decision, view: &View<'_>) {
     }
     parts = Parts::of(&decision.twist.scaled(scale), &axis);
     if leaves_workspace(&parts.whole(&axis), view) {
+        // A pivot about the entry moves a shifted base along the needle too. What stays of a
+        // pivot that is taken away would draw the needle back for ever.
+        let arm = view.world_from_base.translation.vector - view.entry.point.coords;
+        let most = limits.insertion_speed_mm_s * 1e-3;
+        parts.insertion = (parts.insertion - parts.tilt.cross(&arm).dot(&axis)).clamp(-most, most);
         parts.across = Vector3::zeros();
         parts.tilt = Vector3::zeros();
         decision.report.limits.push(Limit::Workspace);

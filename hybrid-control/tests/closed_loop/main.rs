@@ -49,16 +49,8 @@ fn spread(
         target,
         seeds,
         &LawSettings::default(),
-        &at_the_tip(),
+        &EstimatorSettings::default(),
     )
-}
-
-/// On the study plant the tip itself cuts: O and the cutting edge are one.
-fn at_the_tip() -> EstimatorSettings {
-    EstimatorSettings {
-        cutting_edge_mm: 0.0,
-        ..EstimatorSettings::default()
-    }
 }
 
 fn spread_with(

@@ -129,6 +129,8 @@ pub(crate) fn insert(case: &Case<'_>) -> Outcome {
     let start = Start {
         length: LENGTH,
         bending_stiffness: rod::EI,
+        // On the study plant the tip itself cuts.
+        cutting_edge: 0.0,
         entry,
         world_from_base: base,
     };

@@ -317,6 +317,10 @@ fn targets(file: &CampaignFile) -> Result<Vec<NamedTarget>, String> {
                     "{} mm at {} deg, {} deep",
                     target.offset_mm, target.angle_deg, target.depth_mm
                 ),
+                TargetKind::Marker => format!(
+                    "marker {} mm at {} deg, {} deep",
+                    target.offset_mm, target.angle_deg, target.depth_mm
+                ),
                 TargetKind::Stereo => format!("{:?}", target.position_mm),
             };
         }

@@ -11,6 +11,7 @@ mod replay;
 mod report;
 mod reproduce;
 mod run;
+mod track;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -49,6 +50,8 @@ enum Command {
     /// Camera calibration and registration.
     #[command(subcommand)]
     Calibrate(calibrate::CalibrateCommand),
+    /// The needle in recorded pairs of images: a JSON line a frame.
+    Track(track::TrackArgs),
     /// Emulated hardware.
     #[command(subcommand)]
     Emulate(emulate::EmulateCommand),
@@ -181,6 +184,7 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Estimate(args) => return estimate::execute(&args),
         Command::Shape(args) => return model::shape(&args),
         Command::Calibrate(command) => return calibrate::execute(&command),
+        Command::Track(args) => return track::execute(&args),
         Command::Emulate(command) => return emulate::execute(&command),
         Command::Fk(args) => return arm::fk(&args),
         Command::Ik(args) => return arm::ik(&args),

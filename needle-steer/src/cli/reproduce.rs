@@ -14,7 +14,7 @@ use super::run::interrupt_flag;
 use super::{Usage, print_json};
 use crate::config;
 use crate::controls::Controls;
-use crate::experiments::{EXPERIMENTS, Experiment, ExperimentResult, Plan, reproduce};
+use crate::experiments::{Column, EXPERIMENTS, Experiment, ExperimentResult, Plan, reproduce};
 use crate::rig::Rig;
 use crate::run::{RunError, Unobserved, run};
 
@@ -42,6 +42,9 @@ pub(super) struct ReproduceArgs {
     /// Threads; all cores by default.
     #[arg(long)]
     jobs: Option<NonZeroUsize>,
+    /// Add what brackets every result: no control, an oracle, the controller's model as plant.
+    #[arg(long)]
+    brackets: bool,
     /// Change one key of the configuration of every run: key=value.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -63,6 +66,8 @@ struct Document<'a> {
 enum Failure {
     #[error(transparent)]
     Run(#[from] RunError),
+    #[error("phantom: {0}")]
+    Phantom(#[from] phantom::SettingsError),
     #[error("interrupted")]
     Interrupted,
 }
@@ -74,7 +79,18 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
         .jobs
         .or_else(|| std::thread::available_parallelism().ok())
         .map_or(1, NonZeroUsize::get);
-    let progress = ProgressBar::new(args.runs * plan.experiments.len() as u64);
+    let cells: usize = plan
+        .experiments
+        .iter()
+        .map(|e| {
+            if plan.brackets {
+                Column::of(e).len()
+            } else {
+                1
+            }
+        })
+        .sum();
+    let progress = ProgressBar::new(args.runs * cells as u64);
     let results = reproduce(
         &plan,
         jobs,
@@ -143,6 +159,7 @@ impl ReproduceArgs {
             law: self.law.clone(),
             first_seed: self.seed,
             runs: self.runs,
+            brackets: self.brackets,
             base: config::load(None, &overrides)?,
         })
     }
@@ -152,8 +169,8 @@ fn print_table(results: &[ExperimentResult]) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
-        "{:<4} {:<15} {:<36} {:>9} {:>8} {:>8} {:>8} {:>8}",
-        "", "law", "target", "paper mm", "5 %", "median", "95 %", "passed"
+        "{:<4} {:<15} {:<10} {:<36} {:>9} {:>8} {:>8} {:>8} {:>8}",
+        "", "law", "column", "target", "paper mm", "5 %", "median", "95 %", "passed"
     )?;
     for r in results {
         let passed = r
@@ -163,9 +180,10 @@ fn print_table(results: &[ExperimentResult]) -> std::io::Result<()> {
             .count();
         writeln!(
             out,
-            "{:<4} {:<15} {:<36} {:>9.1} {:>8.3} {:>8.3} {:>8.3} {:>5}/{}",
+            "{:<4} {:<15} {:<10} {:<36} {:>9.1} {:>8.3} {:>8.3} {:>8.3} {:>5}/{}",
             r.experiment.name,
             r.law,
+            r.column.name(),
             r.experiment.target,
             r.experiment.paper_error_mm,
             r.p5_mm,

@@ -6,14 +6,16 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::Context;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use hal::telemetry::Telemetry;
-use hal::{ArmState, RateCommand, SensedShape, Stamp};
+use hal::{Arm, ArmState, RateCommand, SensedShape, Stamp, StereoFrame};
 use indicatif::{ProgressBar, ProgressStyle};
+use vision::track::Tracked;
 
 use super::print_json;
 use crate::config::{self, Config};
 use crate::controls::Controls;
+use crate::host::degrees;
 use crate::journal::Journal;
 use crate::outcome::Summary;
 use crate::plot::write_run_plot;
@@ -21,6 +23,15 @@ use crate::rig::Rig;
 use crate::ros::{self, Leave, Link, Session};
 use crate::run::{Insertion, Observer};
 use crate::series::{Row, write_csv};
+
+/// What a dry run does.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum DryRun {
+    /// Checks everything, moves nothing.
+    Checks,
+    /// Moves the arm in air.
+    Air,
+}
 
 /// One insertion to a target.
 #[derive(Debug, Args)]
@@ -45,10 +56,17 @@ pub(super) struct RunArgs {
     /// Seed of everything random.
     #[arg(long)]
     seed: Option<u64>,
-    /// Check everything, move nothing.
-    #[arg(long)]
-    dry_run: bool,
-    /// Folder for the results; made if missing.
+    /// Check everything, move nothing; with =air, move the arm in air, the controller's own model
+    /// in the place of needle and tissue.
+    #[arg(
+        long,
+        value_name = "HOW",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "checks"
+    )]
+    dry_run: Option<DryRun>,
+    /// Folder for the results, made if missing; by default the next free `out/NNN-LAW-PHANTOM-SEED`.
     #[arg(long)]
     out: Option<PathBuf>,
     /// Print the summary as JSON.
@@ -73,9 +91,10 @@ impl RunArgs {
             );
         }
         overrides.extend(self.seed.map(|seed| format!("run.seed={seed}")));
-        if self.dry_run {
-            overrides.push("run.dry_run=true".into());
-        }
+        overrides.extend(self.dry_run.map(|how| match how {
+            DryRun::Checks => "run.dry_run=true".into(),
+            DryRun::Air => "run.dry_run_air=true".into(),
+        }));
         config::load(self.config.as_deref(), &overrides)
     }
 }
@@ -91,6 +110,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let controls = interrupt_flag()?;
     let link = Link::new(&config)?;
     let mut rig = Rig::build(&config, link.as_ref())?;
+    if config.run.dry_run {
+        let joints = degrees(&rig.arm.state()?.positions);
+        writeln!(std::io::stderr(), "joints {joints} deg")?;
+    }
     let mut session = match &link {
         Some(link) if config.ros.publish => Some(Session::new(&config, link, &rig, &controls)?),
         _ => None,
@@ -101,10 +124,15 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     {
         return Ok(ExitCode::from(1));
     }
-    if let Some(out) = &args.out {
-        std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    }
-    let log = args.out.as_ref().map(|out| out.join("run.mcap"));
+    let out = match &args.out {
+        Some(out) => {
+            std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+            Some(out.clone())
+        }
+        None if config.run.dry_run => None,
+        None => next_folder(&config),
+    };
+    let log = out.as_ref().map(|out| out.join("run.mcap"));
     let journal = match &log {
         Some(file) => Some(Journal::create(file, &config, &rig.bearings)?),
         None => None,
@@ -118,7 +146,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     }
     let logged = recorder.journal.take().map_or(Ok(()), Journal::finish);
     summary.log = log.map(|file| file.display().to_string());
-    if let Some(out) = &args.out {
+    if let Some(out) = &out {
         summary.out = Some(out.display().to_string());
         write_results(out, &config, &recorder.rows, &summary)?;
     }
@@ -139,6 +167,42 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     } else {
         ExitCode::from(1)
     })
+}
+
+/// The next free folder under `out`; nothing, with a warning, where none can be made.
+fn next_folder(config: &Config) -> Option<PathBuf> {
+    let name = format!(
+        "{}-{}-{}",
+        config.run.law, config.run.phantom, config.run.seed
+    );
+    let make = || {
+        let parent = Path::new("out");
+        std::fs::create_dir_all(parent)?;
+        let taken = std::fs::read_dir(parent)?
+            .filter_map(|entry| {
+                entry
+                    .ok()?
+                    .file_name()
+                    .to_str()?
+                    .split('-')
+                    .next()?
+                    .parse()
+                    .ok()
+            })
+            .max()
+            .unwrap_or(0_u32);
+        let folder = parent.join(format!("{:03}-{name}", taken + 1));
+        // Fails if another run took it meanwhile: nothing is ever written over.
+        std::fs::create_dir(&folder).map(|()| folder)
+    };
+    make()
+        .inspect_err(|error| {
+            let _ = writeln!(
+                std::io::stderr(),
+                "no folder for results under out ({error}); --out DIR names another"
+            );
+        })
+        .ok()
 }
 
 /// A flag that Ctrl-C and SIGTERM raise; the run then stops the arm and ends.
@@ -202,6 +266,12 @@ impl Observer for Recorder {
     fn arm(&mut self, state: &ArmState) {
         if let Some(session) = &mut self.session {
             session.arm(state);
+        }
+    }
+
+    fn images(&mut self, pair: &StereoFrame, tracked: &Tracked) {
+        if let Some(session) = &mut self.session {
+            session.images(pair, tracked);
         }
     }
 

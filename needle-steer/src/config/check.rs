@@ -24,6 +24,17 @@ fn positive(key: &str, value: f64, high: f64) -> Result<(), Invalid> {
     })
 }
 
+/// The first value is not above the second.
+fn agree(low: (&str, f64), high: (&str, f64)) -> Result<(), Invalid> {
+    if low.1 <= high.1 {
+        return Ok(());
+    }
+    Err(Invalid {
+        key: low.0.to_owned(),
+        problem: format!("expected at most {} ({}), found {}", high.0, high.1, low.1),
+    })
+}
+
 impl Config {
     /// Checks every range.
     ///
@@ -33,9 +44,13 @@ impl Config {
         self.validate_run()?;
         self.validate_needle()?;
         self.validate_law()?;
+        self.validate_cameras()?;
+        self.validate_motion()?;
+        self.validate_estimator()?;
         self.validate_arm()?;
         self.validate_ros()?;
-        self.validate_limits()
+        self.validate_limits()?;
+        self.validate_law_limits()
     }
 
     fn validate_run(&self) -> Result<(), Invalid> {
@@ -113,6 +128,111 @@ impl Config {
                 problem: e.to_string(),
             })?;
         Ok(())
+    }
+
+    fn validate_cameras(&self) -> Result<(), Invalid> {
+        let width = self.cameras.width_px;
+        if ![640, 1280].contains(&width) {
+            return Err(Invalid {
+                key: "cameras.width_px".into(),
+                problem: format!("expected 640 or 1280, found {width}"),
+            });
+        }
+        self.tracking.validate().map_err(|e| Invalid {
+            key: format!("tracking.{}", e.key),
+            problem: e.to_string(),
+        })?;
+        crate::cameras::settings(self)
+            .map_err(|e| e.to_string())
+            .and_then(|settings| settings.validate().map_err(|e| e.to_string()))
+            .map_err(|problem| Invalid {
+                key: "cameras.simulated".into(),
+                problem,
+            })
+    }
+
+    /// Limits of the laws, each by itself and against what they must agree with.
+    fn validate_law_limits(&self) -> Result<(), Invalid> {
+        let l = &self.limits;
+        for (key, value, most) in [
+            ("insertion_speed_mm_s", l.insertion_speed_mm_s, 100.0),
+            ("tilt_speed_deg_s", l.tilt_speed_deg_s, 90.0),
+            ("lateral_speed_mm_s", l.lateral_speed_mm_s, 100.0),
+            ("spin_speed_deg_s", l.spin_speed_deg_s, 3600.0),
+            ("tilt_deg", l.tilt_deg, 60.0),
+            ("base_offset_mm", l.base_offset_mm, 500.0),
+            ("entry_stretch_mm", l.entry_stretch_mm, 50.0),
+        ] {
+            positive(&format!("limits.{key}"), value, most)?;
+        }
+        within("limits.roll_reserve_deg", l.roll_reserve_deg, 0.0, 180.0)?;
+        let speed = self.run.insertion_speed_mm_s;
+        agree(
+            ("run.insertion_speed_mm_s", speed),
+            ("limits.insertion_speed_mm_s", l.insertion_speed_mm_s),
+        )?;
+        agree(
+            ("limits.base_offset_mm", l.base_offset_mm),
+            (
+                "supervisor.workspace_radius_mm",
+                self.supervisor.workspace_radius_mm,
+            ),
+        )?;
+        agree(
+            ("limits.entry_stretch_mm", l.entry_stretch_mm),
+            (
+                "supervisor.tissue_stretch_mm",
+                self.supervisor.tissue_stretch_mm,
+            ),
+        )
+    }
+
+    fn validate_estimator(&self) -> Result<(), Invalid> {
+        let e = &self.estimator;
+        within("estimator.stiffness_n_m2", e.stiffness_n_m2, 5e2, 3e5)?;
+        for (key, value, most) in [
+            ("stiffness_sigma", e.stiffness_sigma, 10.0),
+            ("cut_angle_deg", e.cut_angle_deg, 20.0),
+            ("disturbance_fade_mm", e.disturbance_fade_mm, 1e6),
+            ("start_sigma_mm", e.start_sigma_mm, 100.0),
+            ("step_mm", e.step_mm, 20.0),
+        ] {
+            positive(&format!("estimator.{key}"), value, most)?;
+        }
+        for (key, value, most) in [
+            ("axial_load_n", e.axial_load_n, 2.0),
+            ("cut_angle_sigma", e.cut_angle_sigma, 10.0),
+            ("cut_across_sigma", e.cut_across_sigma, 10.0),
+            ("bevel_walk", e.bevel_walk, 10.0),
+            ("disturbance_walk_deg", e.disturbance_walk_deg, 90.0),
+            ("start_disturbance_deg", e.start_disturbance_deg, 90.0),
+            ("cut_noise_deg", e.cut_noise_deg, 90.0),
+            ("direction_floor_deg", e.direction_floor_deg, 90.0),
+            ("tip_compliance_deg_n", e.tip_compliance_deg_n, 100.0),
+            ("stiffness_period_s", e.stiffness_period_s, 1e9),
+            ("base_shift_sigma_mm", e.base_shift_sigma_mm, 100.0),
+            ("base_tilt_sigma_deg", e.base_tilt_sigma_deg, 90.0),
+        ] {
+            within(&format!("estimator.{key}"), value, 0.0, most)?;
+        }
+        Ok(())
+    }
+
+    fn validate_motion(&self) -> Result<(), Invalid> {
+        let motion = &self.motion;
+        within("motion.breathing_hz", motion.breathing_hz, 0.02, 2.0)?;
+        within("motion.breathing_sigma", motion.breathing_sigma, 0.01, 1.0)?;
+        within("motion.amplitude_mm", motion.amplitude_mm, 0.1, 50.0)?;
+        within("motion.surface_ratio", motion.surface_ratio, -1.0, 2.0)?;
+        within("motion.surface_sigma", motion.surface_sigma, 0.0, 10.0)?;
+        within("motion.mean_walk_mm", motion.mean_walk_mm, 0.0, 10.0)?;
+        within(
+            "motion.amplitude_walk_mm",
+            motion.amplitude_walk_mm,
+            0.0,
+            10.0,
+        )?;
+        within("motion.lead_ms", motion.lead_ms, 0.0, 500.0)
     }
 
     fn validate_arm(&self) -> Result<(), Invalid> {

@@ -139,7 +139,11 @@ pub fn parse(text: &str, name: &Path, overrides: &[String]) -> Result<Config, Co
             key,
             problem,
         })?;
-    Ok(config)
+    Ok(if config.run.dry_run_air {
+        config.in_air()
+    } else {
+        config
+    })
 }
 
 fn line_of(text: &str, offset: usize) -> usize {

@@ -48,13 +48,33 @@ pub struct Config {
     pub limits: hybrid_control::Limits,
     /// The estimator of path, bevel, disturbance and stiffness.
     pub estimator: hybrid_control::EstimatorSettings,
+    /// Motion of the tissue, where the target is a marker.
+    pub motion: hybrid_control::MotionSettings,
     /// The laws.
     pub law: hybrid_control::LawSettings,
+    /// The cameras, for the sensor `images`.
+    pub cameras: Cameras,
+    /// The tracker.
+    pub tracking: vision::track::TrackSettings,
     /// Changes to the phantom's preset: tables and keys as the preset has them.
     pub phantom: toml::Table,
 }
 
 impl Config {
+    /// The same configuration with nothing but the arm: the controller's own model stands for
+    /// needle and tissue, the fast sensor for cameras.
+    pub(crate) fn in_air(mut self) -> Self {
+        self.run.plant = PlantKind::Model;
+        self.run.sensor = SensorKind::Shape;
+        self.run.phantom = "ideal".into();
+        // An estimator believes no measurement that claims to be exact.
+        let noise = [("noise_mm", 0.02), ("direction_noise_deg", 0.1)];
+        let sensor = noise.map(|(key, value)| (key.to_owned(), value.into()));
+        let sensor = toml::Table::from_iter(sensor);
+        self.phantom = toml::Table::from_iter([("sensor".to_owned(), sensor.into())]);
+        self
+    }
+
     /// Nominal entry point in World \[m\].
     pub fn entry(&self) -> Point3<f64> {
         Point3::from(Vector3::from(self.tissue.entry_mm) * 1e-3)
@@ -98,12 +118,25 @@ pub enum Backend {
     Ros,
 }
 
+/// What stands for the patient in simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PlantKind {
+    /// The phantom: other physics than the controller's model.
+    #[default]
+    Phantom,
+    /// The controller's own springs model, with the phantom's robot flaws and sensors.
+    Model,
+}
+
 /// What closes the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SensorKind {
-    /// Needle shapes from the phantom's fast sensor.
+    /// The needle tracked in stereo images.
     #[default]
+    Images,
+    /// Needle shapes from the phantom's fast sensor.
     Shape,
 }
 
@@ -119,6 +152,8 @@ pub struct Run {
     pub sensor: SensorKind,
     /// Preset of the phantom.
     pub phantom: String,
+    /// What stands for the patient in simulation.
+    pub plant: PlantKind,
     /// Seed of everything random.
     pub seed: u64,
     /// Nominal speed along the needle \[mm/s\].
@@ -129,6 +164,8 @@ pub struct Run {
     pub check_reach: bool,
     /// Move nothing: configuration, reachability and limits are checked only.
     pub dry_run: bool,
+    /// Move the arm in air: the controller's own model stands for needle, tissue and sensor.
+    pub dry_run_air: bool,
 }
 
 impl Default for Run {
@@ -136,13 +173,15 @@ impl Default for Run {
         Self {
             law: "hybrid".into(),
             backend: Backend::Sim,
-            sensor: SensorKind::Shape,
+            sensor: SensorKind::Images,
             phantom: "paper".into(),
+            plant: PlantKind::Phantom,
             seed: 1,
             insertion_speed_mm_s: 1.0,
             max_duration_s: 600.0,
             check_reach: true,
             dry_run: false,
+            dry_run_air: false,
         }
     }
 }
@@ -158,6 +197,9 @@ pub enum TargetKind {
     Shifted,
     /// At `position_mm` in the stereo frame.
     Stereo,
+    /// As `shifted` from where the straight start is expected to end, then carried by the tissue:
+    /// a marker whose motion is measured and fed forward.
+    Marker,
 }
 
 /// Where to go. Depth and offset count from the tip at the end of the straight pre-insertion.
@@ -294,6 +336,10 @@ pub struct Viper {
     pub host: String,
     /// What the controller speaks.
     pub dialect: ViperDialect,
+    /// Port for points and stops; 0: the program's own.
+    pub motion_port: u16,
+    /// Port of the feedback; 0: the program's own.
+    pub state_port: u16,
 }
 
 impl Default for Viper {
@@ -302,6 +348,27 @@ impl Default for Viper {
             emulate: true,
             host: "127.0.0.1".into(),
             dialect: ViperDialect::Steer,
+            motion_port: 0,
+            state_port: 0,
+        }
+    }
+}
+
+/// The cameras.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Cameras {
+    /// Width of the simulated images: 640 (x 480) or 1280 (x 960) \[px\].
+    pub width_px: usize,
+    /// Changes to the simulated cameras that go with the phantom's preset.
+    pub simulated: toml::Table,
+}
+
+impl Default for Cameras {
+    fn default() -> Self {
+        Self {
+            width_px: 640,
+            simulated: toml::Table::new(),
         }
     }
 }

@@ -10,6 +10,8 @@ use crate::springs;
 const SPACING: f64 = 5e-3;
 /// Depth of the first fit \[m\].
 const FIRST: f64 = 25e-3;
+/// Shortest piece of needle beyond the last spring for a fit \[m\].
+const LEAST: f64 = 0.2e-3;
 /// Distance of the model's start from the surface \[m\].
 const CLEARANCE: f64 = 1e-3;
 
@@ -50,7 +52,10 @@ fn fits(recording: &Recording, k_t: f64, k_sigma: f64) -> Option<Vec<LogLoad>> {
         {
             break;
         }
-        if insertion.equilibrium().inserted_length() < next || seen.shaft.len() < 4 {
+        // A spring just born at the tip leaves no needle behind it to fit.
+        let free = insertion.equilibrium().segment_lengths().last();
+        let settled = free.is_some_and(|length| length > LEAST);
+        if insertion.equilibrium().inserted_length() < next || seen.shaft.len() < 4 || !settled {
             continue;
         }
         next = insertion.equilibrium().inserted_length() + SPACING;

@@ -195,6 +195,10 @@ impl Course {
                 "{} mm ahead, shifted {} mm at {} degrees from the bevel",
                 t.depth_mm, t.offset_mm, t.angle_deg
             ),
+            config::TargetKind::Marker => format!(
+                "marker carried by the tissue, {} mm ahead, shifted {} mm at {} degrees from the bevel",
+                t.depth_mm, t.offset_mm, t.angle_deg
+            ),
             config::TargetKind::Stereo => format!("{:?} mm in the stereo frame", t.position_mm),
         };
         add("target", target);

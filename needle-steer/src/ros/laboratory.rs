@@ -2,16 +2,17 @@
 
 use std::time::Duration;
 
-use hal::{Arm, SensedShape, Stamp};
+use hal::{Arm, Stamp};
 use robots::kinematics::RateSettings;
 use rosbridge::TimeBase;
 use rosbridge::emulator::{ArmNode, LabNode, Seen};
 
 use super::Link;
 use super::idle::to_rates;
+use super::session::camera_models;
 use crate::config::{Backend, Config, RosClock};
 use crate::controls::Controls;
-use crate::rig::{Pace, Rig, RigBuildError};
+use crate::rig::{Pace, Rig, RigBuildError, Sighting};
 use crate::score::GroundTruth;
 
 /// Period of the feedback on the wall clock.
@@ -45,7 +46,12 @@ pub fn emulate(
     let mut arm = simulated.driver();
     let names = rig.bearings.chain.names().to_vec();
     let kinematics = to_rates(&rig.bearings, RateSettings::default());
-    let topics = ArmNode::new(&link.node, names, None)?.with_kinematics(kinematics);
+    let cameras = rig
+        .bearings
+        .cameras
+        .as_ref()
+        .map(|pair| camera_models(pair).map(Some));
+    let topics = ArmNode::new(&link.node, names, cameras)?.with_kinematics(kinematics);
     let mut lab = LabNode::new(&link.node, topics)?;
     show_next(&mut lab, &mut rig, &mut arm, truth.as_ref())?;
     ready();
@@ -61,10 +67,10 @@ pub fn emulate(
             let next = rig.clock.now() + PERIOD;
             rig.clock.wait_until(next);
             lab.arm.step(&mut arm, rig.clock.now())?;
-            let (exposed, shape) = (truth.newest().0, rig.sensor.poll()?);
-            if exposed != shown || shape.is_some() {
+            let (exposed, sight) = (truth.newest().0, rig.eyes.poll()?);
+            if exposed != shown || !sight.is_none() {
                 shown = exposed;
-                show(&mut lab, &rig, &mut arm, truth.as_ref(), shape)?;
+                show(&mut lab, &rig, &mut arm, truth.as_ref(), sight)?;
             }
         }
     }
@@ -79,8 +85,8 @@ fn show_next(
     arm: &mut dyn Arm,
     truth: &dyn GroundTruth,
 ) -> Result<(), hal::Error> {
-    let shape = rig.sensor.poll()?;
-    show(lab, rig, arm, truth, shape)
+    let sight = rig.eyes.poll()?;
+    show(lab, rig, arm, truth, sight)
 }
 
 fn show(
@@ -88,11 +94,18 @@ fn show(
     rig: &Rig,
     arm: &mut dyn Arm,
     truth: &dyn GroundTruth,
-    shape: Option<SensedShape>,
+    sight: Sighting,
 ) -> Result<(), hal::Error> {
     let state = arm.state()?;
+    let (shape, pair) = match sight {
+        Sighting::Nothing => (None, None),
+        Sighting::Shape(shape) => (Some(shape), None),
+        Sighting::Pair(pair) => (None, Some(pair)),
+    };
     let seen = Seen {
         shapes: shape.into_iter().collect(),
+        pairs: pair.into_iter().collect(),
+        stereo_from_world: truth.stereo_from_world(),
         truth: truth.newest(),
         pre_insertion: truth.pre_insertion(),
     };

@@ -14,14 +14,15 @@ use std::time::{Duration, SystemTime};
 use hal::{Arm, ArmDescription, Clock};
 use robots::kinematics::Chain;
 use rosbridge::arm::{RosArm, RosArmError, RosArmOptions};
+use rosbridge::cameras::{RosCameras, RosCamerasOptions};
 use rosbridge::laboratory::{Laboratory, RosShapes};
 use rosbridge::lockstep::Lockstep;
 use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
 
 use crate::clock::{WallClock, WallTime};
-use crate::config::{Backend, Config, RosClock};
+use crate::config::{Backend, Config, RosClock, SensorKind};
 use crate::controls::Controls;
-use crate::rig::Pace;
+use crate::rig::{Eyes, Pace};
 use crate::run::{Insertion, RunError};
 
 pub use idle::{Leave, wait};
@@ -97,7 +98,7 @@ pub struct Link {
 pub(crate) struct RosDevices {
     pub(crate) clock: Box<dyn Clock>,
     pub(crate) arm: Box<dyn Arm>,
-    pub(crate) shapes: RosShapes,
+    pub(crate) eyes: Eyes,
     pub(crate) truth: Option<RemoteLaboratory>,
 }
 
@@ -171,13 +172,22 @@ impl Link {
             return Ok(RosDevices {
                 clock: Box::new(parts.clock),
                 arm: Box::new(parts.arm),
-                shapes: parts.shapes,
+                eyes: match config.run.sensor {
+                    SensorKind::Images => Eyes::Cameras(Box::new(parts.cameras)),
+                    SensorKind::Shape => Eyes::Shape(Box::new(parts.shapes)),
+                },
                 truth: Some(RemoteLaboratory::new(parts.laboratory)),
             });
         }
         let laboratory = RemoteLaboratory::new(Laboratory::new(node)?);
         let arm = RosArm::new(node, options)?;
-        let shapes = RosShapes::new(node)?;
+        let eyes = match config.run.sensor {
+            SensorKind::Images => Eyes::Cameras(Box::new(RosCameras::new(
+                node,
+                RosCamerasOptions::default(),
+            )?)),
+            SensorKind::Shape => Eyes::Shape(Box::new(RosShapes::new(node)?)),
+        };
         let mut clock = WallClock::since(self.time);
         let patience = clock.now() + TRUTH;
         while !laboratory.is_known() && clock.now() < patience {
@@ -187,7 +197,7 @@ impl Link {
         Ok(RosDevices {
             clock: Box::new(clock),
             arm: Box::new(arm),
-            shapes,
+            eyes,
             truth: laboratory.is_known().then_some(laboratory),
         })
     }

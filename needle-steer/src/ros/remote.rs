@@ -2,8 +2,9 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use hal::Stamp;
+use hal::frame::{LeftCamera, World};
 use hal::telemetry::TruthReport;
+use hal::{Stamp, Transform};
 use nalgebra::Vector3;
 use rosbridge::laboratory::{Hidden, Laboratory};
 
@@ -78,6 +79,13 @@ impl GroundTruth for RemoteLaboratory {
         let inner = self.lock();
         let stamp = inner.newest.as_ref().map_or(Stamp::ZERO, |h| h.stamp);
         (stamp, inner.truth())
+    }
+
+    fn stereo_from_world(&self) -> Transform<LeftCamera, World> {
+        self.lock()
+            .newest
+            .as_ref()
+            .map_or_else(Transform::identity, |hidden| hidden.stereo_from_world)
     }
 
     fn true_tip(&self) -> Vector3<f64> {

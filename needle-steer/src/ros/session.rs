@@ -4,12 +4,18 @@ use std::io::Write;
 use std::sync::Arc;
 
 use hal::frame::LeftCamera;
-use hal::telemetry::{Phase, Telemetry};
-use hal::{ArmState, Position};
+use hal::telemetry::{Phase, Telemetry, Tracking};
+use hal::{ArmState, Position, StereoFrame};
 use nalgebra::Point3;
-use rosbridge::bridge::{Bridge, BridgeOptions, Command, Frames, Rates, Request};
+use rosbridge::bridge::{
+    Bridge, BridgeOptions, CameraModel, Command, Frames, Overlay, Rates, Request,
+};
 use rosbridge::motion::Hand;
 use rosbridge::{Node, NodeError};
+
+use vision::StereoRig;
+use vision::camera::{Camera, View};
+use vision::track::Tracked;
 
 use super::Link;
 use crate::config::{Backend, Config};
@@ -17,6 +23,9 @@ use crate::controls::{Controls, Wish};
 use crate::outcome::Ended;
 use crate::rig::Rig;
 use crate::run::Observer;
+
+/// Pieces of a curve that is drawn.
+const CURVE_POINTS: u32 = 40;
 
 /// A run's node with its topics and services.
 #[derive(Debug)]
@@ -28,6 +37,9 @@ pub struct Session {
     /// Whether `~enable` allows motion.
     pub(super) allowed: bool,
     shown: Option<Arc<Telemetry>>,
+    /// Whether the images are this node's to show.
+    shows_images: bool,
+    view: Option<View>,
 }
 
 impl Session {
@@ -51,9 +63,12 @@ impl Session {
                 // The robot's description has it.
                 flange_from_needle_base: None,
                 world_from_left_camera: bearings.world_from_left_camera,
-                left_from_right: None,
+                left_from_right: bearings
+                    .cameras
+                    .as_ref()
+                    .map(|pair| pair.right_from_left.inverse()),
             },
-            cameras: None,
+            cameras: bearings.cameras.as_ref().map(camera_models),
             rates: Rates {
                 joint_states_hz: config.ros.joint_states_hz,
                 poses_hz: config.ros.poses_hz,
@@ -67,6 +82,8 @@ impl Session {
             controls: Arc::clone(controls),
             allowed: true,
             shown: None,
+            shows_images: config.run.backend != Backend::Ros,
+            view: bearings.cameras.map(|pair| pair.left_view()),
         })
     }
 
@@ -158,7 +175,34 @@ impl Session {
     }
 }
 
+impl Session {
+    /// Shows a pair, and the left image with the tracked curve and the target drawn in.
+    fn show_pair(&self, pair: &StereoFrame, tracked: &Tracked) {
+        if self.shows_images {
+            self.bridge.show_images(pair.clone());
+        }
+        let curve = tracked.curves[0].filter(|_| tracked.status != Tracking::Lost);
+        let target = self.shown.as_ref().map(|last| last.target.coords());
+        self.bridge.show_overlay(Overlay {
+            image: pair.left.clone(),
+            curve_px: curve.map_or_else(Vec::new, |curve| {
+                (0..=CURVE_POINTS)
+                    .map(|i| curve.at(f64::from(i) / f64::from(CURVE_POINTS)).into())
+                    .collect()
+            }),
+            target_px: target
+                .filter(|target| target.iter().all(|x| x.is_finite()))
+                .and_then(|target| self.view.as_ref()?.project(&target))
+                .map(|px| [px.0.x, px.0.y]),
+        });
+    }
+}
+
 impl Observer for Session {
+    fn images(&mut self, pair: &StereoFrame, tracked: &Tracked) {
+        self.show_pair(pair, tracked);
+    }
+
     fn step(&mut self, telemetry: &Telemetry) {
         self.show(telemetry);
     }
@@ -167,4 +211,20 @@ impl Observer for Session {
         self.show_arm(state);
         self.answer();
     }
+}
+
+/// What ROS is told of a calibrated pair.
+pub(super) fn camera_models(pair: &StereoRig) -> [CameraModel; 2] {
+    let model = |camera: &Camera, shift: f64| {
+        let d = &camera.distortion;
+        CameraModel {
+            width: u32::try_from(camera.width).unwrap_or(u32::MAX),
+            height: u32::try_from(camera.height).unwrap_or(u32::MAX),
+            intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
+            distortion: [d.k1, d.k2, d.p1, d.p2, d.k3],
+            shift,
+        }
+    };
+    // The cameras look at the gel from two sides: unrectified, they have no common baseline row.
+    [model(&pair.left, 0.0), model(&pair.right, 0.0)]
 }

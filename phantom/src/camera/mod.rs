@@ -34,7 +34,7 @@ pub use lens::{Lens, Pixel};
 pub use parameters::{Container, Plane, RigParameters, Side};
 pub use settings::{
     BacklightSettings, BubbleSettings, CalibrationSettings, CameraSettings, ContainerSettings,
-    DeliverySettings, NoiseSettings, OpticsSettings, SettingsError,
+    DeliverySettings, NoiseSettings, OpticsSettings,
 };
 pub use stereo::{RigError, StereoRig};
 pub use view::{Ray, Through, View};

@@ -4,8 +4,36 @@ use super::settings::{
     BacklightSettings, BubbleSettings, CalibrationSettings, CameraSettings, DeliverySettings,
     NoiseSettings, OpticsSettings,
 };
+use crate::settings::merge;
 
 impl CameraSettings {
+    /// The cameras that belong to a preset of the phantom ([`crate::settings::PRESETS`]).
+    ///
+    /// # Errors
+    /// No preset has this name.
+    pub fn preset(name: &str) -> Result<Self, crate::SettingsError> {
+        match name {
+            "ideal" => Ok(Self::ideal()),
+            "paper" | "paper-compliant" => Ok(Self::paper()),
+            "harsh" => Ok(Self::harsh()),
+            _ => Err(crate::SettingsError::UnknownPreset {
+                name: name.to_owned(),
+            }),
+        }
+    }
+
+    /// These settings with the keys of `changes` replaced; tables are merged, arrays replaced.
+    /// The values are checked where a rig is built from them.
+    ///
+    /// # Errors
+    /// An unknown key or a wrong type.
+    pub fn overridden(&self, changes: toml::Table) -> Result<Self, crate::SettingsError> {
+        // Settings are plain numbers, so they always make a table.
+        let mut table = toml::Table::try_from(self).unwrap_or_default();
+        merge(&mut table, changes);
+        Ok(table.try_into()?)
+    }
+
     /// The default rig with every flaw off.
     pub fn ideal() -> Self {
         Self::default()

@@ -5,19 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A setting outside its physical range.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{name} = {value} is outside its range [{min}, {max}]")]
-pub struct SettingsError {
-    /// Key of the setting, with its section.
-    pub name: &'static str,
-    /// Value given, in the key's unit.
-    pub value: f64,
-    /// Smallest legal value.
-    pub min: f64,
-    /// Largest legal value.
-    pub max: f64,
-}
+use crate::settings::{SettingsError, within};
 
 /// The stereo rig: two cameras, each square to its own wall of the gel's container.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -358,19 +346,5 @@ impl CameraSettings {
             0.0,
             20.0,
         )
-    }
-}
-
-/// NaN is outside every range.
-fn within(name: &'static str, value: f64, min: f64, max: f64) -> Result<(), SettingsError> {
-    if (min..=max).contains(&value) {
-        Ok(())
-    } else {
-        Err(SettingsError {
-            name,
-            value,
-            min,
-            max,
-        })
     }
 }

@@ -18,12 +18,13 @@ use super::geometry;
 use super::noise::{Noise, Stream, generator};
 use super::parameters::{RigParameters, Side};
 use super::renderer::Renderer;
-use super::settings::{CameraSettings, SettingsError};
+use super::settings::CameraSettings;
 use super::view::View;
 use crate::NeedleView;
+use crate::settings::SettingsError;
 
 /// A rig that cannot be built.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RigError {
     /// A setting is outside its range.
     #[error(transparent)]

@@ -45,6 +45,9 @@ impl RodPlant {
                     path.place(&self.placement);
                 }
                 self.contact.edge = path.locate(&edge, 0);
+                if !reused {
+                    self.skin.pierce(Some(&entry), &self.placement);
+                }
                 self.path = Some(path);
                 self.report(Event::Entered { reused });
             }
@@ -55,6 +58,7 @@ impl RodPlant {
     fn pull_out(&mut self) {
         self.parked = self.path.take();
         self.contact.clear(self.rod.nodes.len());
+        self.skin.stretch = Vector3::zeros();
         self.report(Event::PulledOut);
     }
 

@@ -60,6 +60,12 @@ impl RodPlant {
         for i in 0..self.touching.len() {
             self.touching[i] = self.contact.weight[i + 1];
         }
+        let entry = &self.settings.entry;
+        let first = self.contact.first;
+        if entry.grip_n > 0.0 && (1..=self.touching.len()).contains(&first) {
+            // The skin's grip is that of some length of tissue.
+            self.touching[first - 1] += entry.grip_n / self.settings.friction.shaft_n_m;
+        }
         let sliding = Sliding {
             axial: &self.axial,
             contact: &self.touching,
@@ -73,6 +79,7 @@ impl RodPlant {
             &self.settings.friction,
             &mut self.fixed,
         );
+        self.note_resistance();
         self.cutting = (self.cutting + advance).clamp(0.0, CUTTING_TRAVEL);
         let at_end = self
             .path
@@ -85,6 +92,25 @@ impl RodPlant {
             if let Some(last) = self.fixed.last_mut() {
                 *last -= direction * force;
             }
+        }
+    }
+
+    /// What friction can still do where the shaft slides otherwise than predicted. The friction
+    /// of the prediction is all there is in `fixed` so far.
+    fn note_resistance(&mut self) {
+        let edges = self.rod.edges();
+        let per_length = self.settings.friction.shaft_n_m;
+        for i in 0..=edges {
+            let along = self.rod.direction(i.min(edges - 1));
+            let beside = |edge: usize| self.touching.get(edge).copied().unwrap_or_default();
+            let before = if i > 0 { beside(i - 1) } else { 0.0 };
+            let limit = 0.5 * per_length * (before + beside(i));
+            let now = self.fixed[i].dot(&along);
+            let noted = &mut self.resistance;
+            noted.at[i] = self.rod.nodes[i];
+            noted.along[i] = along;
+            noted.forward[i] = (limit + now).max(0.0);
+            noted.backward[i] = (limit - now).max(0.0);
         }
     }
 
@@ -159,6 +185,9 @@ impl RodPlant {
             fixed: &self.fixed,
             edge_length: self.rod.edge,
             keep_places: false,
+            resistance: &self.resistance,
+            resists: false,
+            skin: &mut self.skin,
         });
         self.iterations += u64::from(solution.iterations);
         solution

@@ -5,6 +5,8 @@ use nalgebra::{Isometry3, Vector3};
 use super::{Recent, RodPlant};
 use crate::medium::Contact;
 use crate::motion::Placement;
+use crate::path::CutPath;
+use crate::skin::Skin;
 use crate::twist::Twist;
 
 /// What a step changes before it is known to have an equilibrium. The path itself is cut and
@@ -22,6 +24,7 @@ pub(super) struct Memory {
     seconds: f64,
     cutting: f64,
     recent: Recent,
+    skin: Skin,
 }
 
 impl Memory {
@@ -32,12 +35,13 @@ impl Memory {
             twist: plant.twist.clone(),
             torque: plant.rod.torque.clone(),
             contact: plant.contact.clone(),
-            ray: plant.path.as_ref().map(|path| path.heading()),
+            ray: plant.path.as_ref().map(CutPath::heading),
             placement: plant.placement,
             pose: plant.pose,
             seconds: plant.seconds,
             cutting: plant.cutting,
             recent: plant.recent,
+            skin: plant.skin,
         }
     }
 }
@@ -54,12 +58,13 @@ impl RodPlant {
         memory.twist.copy_from(&self.twist);
         memory.torque.copy_from_slice(&self.rod.torque);
         memory.contact.copy_from(&self.contact);
-        memory.ray = self.path.as_ref().map(|path| path.heading());
+        memory.ray = self.path.as_ref().map(CutPath::heading);
         memory.placement = self.placement;
         memory.pose = self.pose;
         memory.seconds = self.seconds;
         memory.cutting = self.cutting;
         memory.recent = self.recent;
+        memory.skin = self.skin;
         self.memory = Some(memory);
     }
 
@@ -78,6 +83,7 @@ impl RodPlant {
         self.seconds = memory.seconds;
         self.cutting = memory.cutting;
         self.recent = memory.recent;
+        self.skin = memory.skin;
         if let Some(path) = &mut self.path {
             if self.settings.motion.moves() {
                 path.place(&self.placement);

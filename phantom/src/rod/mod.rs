@@ -52,6 +52,9 @@ pub(crate) trait Load {
 
     /// Whether contacts keep the places they have, instead of being searched for every shape.
     fn keep_places(&mut self, _keep: bool) {}
+
+    /// Whether the load also resists what the shaft does otherwise than predicted.
+    fn resist(&mut self, _resist: bool) {}
 }
 
 /// A clamped rod and the memory its equilibria need.

@@ -50,12 +50,14 @@ impl Rod {
         }
         if !solution.converged || !self.is_sound() {
             self.nodes.copy_from_slice(&self.start);
+            load.resist(true);
             let before = solution.iterations;
             solution = self.iterate(load, SNAPPING, CAREFUL_TURN);
             solution.iterations += before;
             if !solution.converged && solution.last_step < CORNER {
                 solution = self.keep_places(load, solution, CAREFUL_TURN);
             }
+            load.resist(false);
         }
         solution
     }

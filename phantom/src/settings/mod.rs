@@ -10,7 +10,9 @@ mod validate;
 use serde::{Deserialize, Serialize};
 
 pub use preset::PRESETS;
+pub(crate) use preset::merge;
 pub use validate::SettingsError;
+pub(crate) use validate::within;
 
 /// Everything about the simulated needle, tissue, fast sensor and robot, but the cameras.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -24,6 +26,8 @@ pub struct Settings {
     pub tip: TipSettings,
     /// Friction along the shaft.
     pub friction: FrictionSettings,
+    /// The skin at the entry.
+    pub entry: EntrySettings,
     /// Motion of the tissue.
     pub motion: MotionSettings,
     /// The fast sensor.
@@ -187,6 +191,34 @@ impl Default for FrictionSettings {
             shaft_n_m: 0.0,
             presliding_um: 0.5,
             static_ratio: 1.0,
+        }
+    }
+}
+
+/// Entry sliding: a skin on the gel whose hole pulls at the shaft and slides along the surface.
+/// Without `skin_n_m` there is none. All assumed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EntrySettings {
+    /// Stiffness with which the skin holds the shaft along the surface; 0 means no skin
+    /// (100-1000).
+    pub skin_n_m: f64,
+    /// Pull beyond which the hole slides over the gel, and stays; 0 never (0.1-1).
+    pub slide_n: f64,
+    /// Friction of the hole on the shaft, axial and, at half the diameter, torsional (0-0.5).
+    pub grip_n: f64,
+    /// Share of the gel's motion in which the skin takes part; below 1 the moving gel slides
+    /// under the entry.
+    pub follow: f64,
+}
+
+impl Default for EntrySettings {
+    fn default() -> Self {
+        Self {
+            skin_n_m: 0.0,
+            slide_n: 0.0,
+            grip_n: 0.0,
+            follow: 1.0,
         }
     }
 }

@@ -50,7 +50,7 @@ impl Settings {
     }
 }
 
-fn merge(into: &mut Table, changes: Table) {
+pub(crate) fn merge(into: &mut Table, changes: Table) {
     for (key, value) in changes {
         match (into.get_mut(&key), value) {
             (Some(Value::Table(inner)), Value::Table(changes)) => merge(inner, changes),

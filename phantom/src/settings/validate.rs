@@ -36,7 +36,13 @@ pub enum SettingsError {
     Syntax(#[from] toml::de::Error),
 }
 
-fn within(key: &'static str, value: f64, lowest: f64, highest: f64) -> Result<(), SettingsError> {
+/// NaN is outside every range.
+pub(crate) fn within(
+    key: &'static str,
+    value: f64,
+    lowest: f64,
+    highest: f64,
+) -> Result<(), SettingsError> {
     if value >= lowest && value <= highest {
         Ok(())
     } else {
@@ -145,7 +151,17 @@ impl Settings {
         let f = &self.friction;
         within("friction.shaft_n_m", f.shaft_n_m, 0.0, 300.0)?;
         within("friction.presliding_um", f.presliding_um, 0.1, 100.0)?;
-        within("friction.static_ratio", f.static_ratio, 1.0, 3.0)
+        within("friction.static_ratio", f.static_ratio, 1.0, 3.0)?;
+        let e = &self.entry;
+        within("entry.skin_n_m", e.skin_n_m, 0.0, 1e4)?;
+        within("entry.slide_n", e.slide_n, 0.0, 10.0)?;
+        within("entry.grip_n", e.grip_n, 0.0, 2.0)?;
+        within("entry.follow", e.follow, 0.0, 1.0)?;
+        holds(
+            e.grip_n == 0.0 || f.shaft_n_m > 0.0,
+            "entry.grip_n",
+            "needs friction.shaft_n_m above 0",
+        )
     }
 
     fn validate_motion(&self) -> Result<(), SettingsError> {

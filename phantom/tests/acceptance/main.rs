@@ -4,10 +4,12 @@
 mod authority;
 mod bench;
 mod energy;
+mod entry;
 mod events;
 mod invariance;
 mod marker;
 mod population;
 mod steering;
+mod stress;
 mod support;
 mod tissue;

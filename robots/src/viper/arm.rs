@@ -7,7 +7,7 @@ use hal::guarded::SpeedCaps;
 use hal::telemetry::Limit;
 use hal::{Arm, ArmDescription, ArmMode, ArmState, Error, Joints, RateCommand, Stamp};
 
-use super::driver::{Core, Fault, LinkError, Metrics, Refused};
+use super::driver::{Core, Fault, LinkError, Metrics, Refused, Unfit};
 use super::tcp::Transport;
 
 /// A function that tells the present time of the rig's clock.
@@ -162,6 +162,16 @@ impl Monitor {
     /// Why the link ended last, or was never made.
     pub fn link_error(&self) -> LinkError {
         self.shared.core().link_error().clone()
+    }
+
+    /// Why the arm behind the link is not the configured one, as far as it is known.
+    pub fn unfit(&self) -> Option<Unfit> {
+        self.shared.core().unfit()
+    }
+
+    /// The newest joint positions read \[rad\]; `None` before the first feedback.
+    pub fn positions(&self) -> Option<Joints> {
+        self.shared.core().positions()
     }
 
     /// Changes the speed caps of the tool, for instance when the needle enters the tissue.

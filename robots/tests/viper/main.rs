@@ -9,7 +9,7 @@
 //! | T7 emergency stop, T8 mode and power, T20 stop everywhere | `stops` |
 //! | T9 bad callers, T13 killed driver, T19 start mismatch | `callers` |
 //! | T10 random commands, T11 limits, T12 singularities | `limits` |
-//! | T17 lockstep | `lockstep` |
+//! | T17 lockstep, and on the wall clock | `lockstep`, `sockets` |
 //! | T18 second client; T4, T13 over real sockets | `sockets` |
 #![expect(clippy::float_cmp, reason = "tests compare exact constructions")]
 #![expect(

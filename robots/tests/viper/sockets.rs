@@ -1,5 +1,5 @@
 //! The driver's thread and the emulator's server over real sockets, on the wall clock: T4 with
-//! resets and silence on the wire, T15's threads, T18. Bounds in time are wide: what happens is
+//! resets and silence on the wire, T15's threads, T17's final positions, T18. Bounds in time are wide: what happens is
 //! tested, not how fast.
 
 use std::io::{Read, Write};
@@ -10,9 +10,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use hal::{Arm, ArmMode, ErrorKind, FaultReason, Joints, RateCommand, Stamp};
+use robots::sim::{SimSettings, SimulatedArm};
 use robots::viper::arm::Now;
 use robots::viper::emulator::{EmulatorConfig, Server};
-use robots::viper::{Config, Dialect, Emulator, LinkError, Port, ViperArm};
+use robots::viper::{Config, Dialect, Emulator, LinkError, Port, ViperArm, viper_limits};
 
 use crate::bench::{HOME, slow};
 
@@ -126,6 +127,66 @@ fn both_dialects_move_and_stop_over_sockets() {
         eventually("goodbye", || {
             Port::ALL.iter().all(|port| !emulator.has_client(*port))
         });
+    }
+}
+
+/// T17 on the wall clock: the same commands to the simulator and to driver, sockets and
+/// controller. They end within two periods of travel of each other: the driver takes a command up
+/// at its next tick. A tick that this machine's load loses is not made up for, and counts.
+#[test]
+fn t17_on_the_wall_clock_simulator_and_driver_end_at_the_same_place() {
+    const PERIOD: f64 = 0.016;
+    let mut rig = Rig::new(Dialect::Steer);
+    eventually("connection", || rig.mode() == ArmMode::Connected);
+    let names = (1..=6).map(|joint| format!("joint_{joint}")).collect();
+    let mut limits = viper_limits();
+    for limit in &mut limits {
+        // The simulator has no limiter's ramps; the gentle rates have none either.
+        (limit.acceleration, limit.jerk) = (1e5, 1e9);
+    }
+    let home = Joints::from(HOME);
+    let world = SimulatedArm::from_limits(names, &limits, &home, SimSettings::ideal()).unwrap();
+    let mut simulated = world.driver();
+    world.advance_to((rig.now)());
+    rig.arm.enable().unwrap();
+    simulated.enable().unwrap();
+
+    let gentle = slow().map(|rate| 0.5 * rate);
+    let before = rig.arm.monitor().metrics();
+    let (mut steps, started) = (0, (rig.now)());
+    while steps < 100 {
+        steps += 1;
+        let rates = if steps < 100 { gentle } else { [0.0; 6] };
+        rig.sequence += 1;
+        let command = RateCommand {
+            sequence: rig.sequence,
+            stamp: (rig.now)(),
+            rates: Joints::from(rates),
+        };
+        world.advance_to(command.stamp);
+        // A caller that is held up for longer than a command lives tests something else.
+        simulated.command(&command).unwrap();
+        rig.arm.command(&command).unwrap();
+        nap(16);
+    }
+    let moved_for = (rig.now)().secs_since(started);
+    world.advance_to((rig.now)());
+    eventually("rest", || rig.mode() == ArmMode::Enabled);
+    eventually("the arm's rest", || {
+        rig.emulator.true_rates().max_abs() == 0.0
+    });
+    let after = rig.arm.monitor().metrics();
+    let lost = (moved_for / PERIOD - (after.points - before.points) as f64).max(0.0)
+        + (after.held_back - before.held_back) as f64;
+    let driven = rig.emulator.true_joints();
+    let simulated = world.true_joints();
+    println!("{steps} commands in {moved_for:.2} s, {lost:.1} periods lost");
+    for joint in 0..6 {
+        let travel = simulated[joint] - HOME[joint];
+        let apart = (driven[joint] - simulated[joint]).abs();
+        let bound = (2.0 + lost) * PERIOD * gentle[joint].abs();
+        assert!(travel.abs() > 50.0 * PERIOD * gentle[joint].abs());
+        assert!(apart <= bound, "joint {joint}: {apart} > {bound}");
     }
 }
 

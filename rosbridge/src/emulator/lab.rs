@@ -3,26 +3,43 @@
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 
+use hal::frame::{Frame, LeftCamera, RightCamera, World as Laboratory};
 use hal::telemetry::TruthReport;
-use hal::{Arm, ArmState, Error, Joints, SensedShape, Stamp};
+use hal::{Arm, ArmState, Error, Joints, SensedShape, Stamp, StereoFrame, Transform};
 
 use super::ArmNode;
 use crate::convert;
 use crate::laboratory::{LABORATORY, SHAPES};
 use crate::lockstep::ADVANCE;
 use crate::msg::needle_steer_msgs::{Advance, Shape, World};
-use crate::msg::rosgraph_msgs;
+use crate::msg::{rosgraph_msgs, sensor_msgs};
 use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, TimeBase};
 
 /// What there is to see in the laboratory since the last time.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Seen {
-    /// Measurements that arrived.
+    /// Needle shapes that arrived.
     pub shapes: Vec<SensedShape>,
+    /// Pairs of images that arrived.
+    pub pairs: Vec<StereoFrame>,
+    /// Where the frame of the measurements truly lies.
+    pub stereo_from_world: Transform<LeftCamera, Laboratory>,
     /// The truth at the last exposure, without target and errors, and when it was so.
     pub truth: (Stamp, TruthReport),
     /// Straight start that the protocol asks for \[m\].
     pub pre_insertion: f64,
+}
+
+impl Default for Seen {
+    fn default() -> Self {
+        Self {
+            shapes: Vec::new(),
+            pairs: Vec::new(),
+            stereo_from_world: Transform::identity(),
+            truth: <(Stamp, TruthReport)>::default(),
+            pre_insertion: 0.0,
+        }
+    }
 }
 
 /// The topics of a laboratory. On a [simulated](TimeBase::Simulated) clock it moves in
@@ -81,6 +98,9 @@ impl LabNode {
             message.header.stamp = convert::time(self.clock.ros_stamp(shape.stamp));
             self.shapes.send(message);
         }
+        for pair in &seen.pairs {
+            self.arm.show_images(pair);
+        }
         let mut joints = self.arm.feedback(arm);
         joints.header.stamp = convert::time(arm.stamp);
         let state = World {
@@ -88,6 +108,12 @@ impl LabNode {
             joints,
             robot: self.arm.status(arm),
             shapes: seen.shapes.iter().map(Into::into).collect(),
+            // Without lockstep images have topics of their own.
+            images: match &self.ticks {
+                Some(_) => seen.pairs.iter().flat_map(images).collect(),
+                None => Vec::new(),
+            },
+            stereo_from_world: convert::pose(seen.stereo_from_world.isometry()),
             pre_insertion: seen.pre_insertion,
             truth_stamp: convert::time(seen.truth.0),
             truth: (&seen.truth.1).into(),
@@ -131,6 +157,13 @@ impl LabNode {
         self.arm.command(arm, now)?;
         Ok(Some(until))
     }
+}
+
+fn images(pair: &StereoFrame) -> [sensor_msgs::Image; 2] {
+    [
+        convert::image(&pair.left, LeftCamera::NAME),
+        convert::image(&pair.right, RightCamera::NAME),
+    ]
 }
 
 impl std::fmt::Debug for LabNode {

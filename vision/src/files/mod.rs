@@ -1,12 +1,16 @@
 //! Calibrations as files that other tools read: ROS `camera_info` YAML and OpenCV
-//! `FileStorage` YAML; and images.
+//! `FileStorage` YAML; images, folders of them, and pictures of what was tracked in them.
 
 mod camera_info;
+mod folder;
 mod opencv;
+mod overlay;
 mod yaml;
 
 pub use camera_info::{CameraInfo, camera_info, read_camera_info};
+pub use folder::{FolderError, ImageFolder};
 pub use opencv::{StereoFile, read_stereo, stereo_yml};
+pub use overlay::write_overlay;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -30,6 +34,14 @@ pub enum FileError {
         /// The file.
         path: PathBuf,
         /// What the decoder said.
+        source: image::ImageError,
+    },
+    /// A picture could not be coded.
+    #[error("{}: cannot be coded: {source}", path.display())]
+    Encode {
+        /// The file.
+        path: PathBuf,
+        /// What the encoder said.
         source: image::ImageError,
     },
     /// The file is no YAML.
@@ -133,6 +145,46 @@ pub fn read_image(path: &Path) -> Result<GrayImage, FileError> {
     let mut grey = GrayImage::filled(width, height, 0);
     grey.pixels_mut().copy_from_slice(image.as_raw());
     Ok(grey)
+}
+
+/// The size that all images have, from their headers alone \[px\]; zero without images.
+///
+/// # Errors
+/// A file cannot be read, is no image, or differs in size from the first.
+pub fn same_size<'a>(
+    paths: impl IntoIterator<Item = &'a PathBuf>,
+) -> Result<(usize, usize), FileError> {
+    let mut first: Option<(&PathBuf, (usize, usize))> = None;
+    for path in paths {
+        let io = |source| FileError::Io {
+            path: path.clone(),
+            source,
+        };
+        let (width, height) = image::ImageReader::open(path)
+            .and_then(image::ImageReader::with_guessed_format)
+            .map_err(io)?
+            .into_dimensions()
+            .map_err(|source| FileError::Image {
+                path: path.clone(),
+                source,
+            })?;
+        let size = (width as usize, height as usize);
+        match first {
+            None => first = Some((path, size)),
+            Some((_, (first_width, first_height))) if size == (first_width, first_height) => {}
+            Some((first, (first_width, first_height))) => {
+                return Err(FileError::MixedSizes {
+                    path: path.clone(),
+                    width: size.0,
+                    height: size.1,
+                    first: first.clone(),
+                    first_width,
+                    first_height,
+                });
+            }
+        }
+    }
+    Ok(first.map_or((0, 0), |(_, size)| size))
 }
 
 /// Reads images that must all have the same size.

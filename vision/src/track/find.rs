@@ -1,216 +1,181 @@
-//! The needle in a whole image: dark ridges of its width on scan lines, chained into curves.
+//! A needle anywhere in an image, without a prediction.
+//!
+//! Dark bands of the needle's width are found in every few rows and columns and linked to the
+//! chain that is darkest and smooth; the chain's free end is the tip.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
 
 use hal::GrayImage;
-use nalgebra::Point2;
+use nalgebra::Vector2;
 
-/// Lines that a chain may miss.
-const MISSES: usize = 4;
-/// Ridges kept per scan line.
-const KEPT: usize = 10;
+use super::background::Background;
 
-/// A ridge on a scan line.
+/// Pixels between scanned lines, in images 640 wide.
+const EVERY: f64 = 4.0;
+/// Lines that a chain may skip.
+const SKIP: usize = 4;
+/// Bands kept in a line.
+const BANDS: usize = 12;
+/// Least darkness of a band relative to its surroundings.
+const FAINT: f32 = 0.12;
+
+/// A dark band in a scanned line.
 #[derive(Clone, Copy, Debug)]
-struct Ridge {
-    at: f32,
-    strength: f32,
+struct Band {
+    at: f64,
+    darkness: f32,
+    /// Score of the best chain that ends here, and the band before this one in it.
     score: f32,
-    slope: f32,
-    from: Option<(u16, u16)>,
-    used: bool,
+    slope: f64,
+    before: Option<(usize, usize)>,
 }
 
-/// A curve that may be the needle.
-#[derive(Clone, Debug)]
-pub(super) struct Candidate {
-    /// From where it comes in to where it ends \[px\].
-    pub points: Vec<Point2<f64>>,
-    /// Summed darkness.
-    pub score: f64,
-}
-
-/// Working memory, reused.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Finder {
-    lines: Vec<Vec<Ridge>>,
-}
-
-impl Finder {
-    /// The best curves of either course, darkest first.
-    pub(super) fn find(&mut self, image: &GrayImage, width: f64) -> Vec<Candidate> {
-        let mut found = Vec::new();
-        for down in [true, false] {
-            let stride = stride(width);
-            self.scan(image, width, stride, down);
-            for _ in 0..3 {
-                let Some(c) = self.best_chain(image, stride, down) else {
-                    break;
-                };
-                found.push(c);
-            }
-        }
-        found.sort_by(|a: &Candidate, b| b.score.total_cmp(&a.score));
-        found.truncate(4);
-        found
+/// The longest dark, smooth chain of bands of about `width` \[px\], its tip last.
+pub(super) fn find(
+    image: &GrayImage,
+    background: &Background,
+    width: f64,
+    scale: f64,
+) -> Option<Vec<Vector2<f64>>> {
+    let chains = [false, true].map(|upright| chain(image, background, width, scale, upright));
+    let (_, mut line) = chains
+        .into_iter()
+        .flatten()
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let border = |p: &Vector2<f64>| {
+        (p.x.min(image.width() as f64 - 1.0 - p.x)).min(p.y.min(image.height() as f64 - 1.0 - p.y))
+    };
+    // The end that is farther from the border is the free one.
+    if border(line.first()?) > border(line.last()?) {
+        line.reverse();
     }
+    Some(line)
+}
 
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "widths are small and positive"
-    )]
-    fn scan(&mut self, image: &GrayImage, width: f64, stride: usize, down: bool) {
-        let (w, h) = (image.width(), image.height());
-        let (count, long) = if down {
-            (h / stride, w)
+/// The best chain over rows (`upright`) or columns, with its score.
+fn chain(
+    image: &GrayImage,
+    background: &Background,
+    width: f64,
+    scale: f64,
+    upright: bool,
+) -> Option<(f32, Vec<Vector2<f64>>)> {
+    let step = EVERY * scale;
+    let (across, along) = if upright {
+        (image.width(), image.height())
+    } else {
+        (image.height(), image.width())
+    };
+    let point = |at: f64, line: usize| {
+        let there = line as f64 * step;
+        if upright {
+            Vector2::new(at, there)
         } else {
-            (w / stride, h)
+            Vector2::new(there, at)
+        }
+    };
+    let lines = (along as f64 / step) as usize;
+    let mut found: Vec<Vec<Band>> = Vec::with_capacity(lines);
+    let mut samples = vec![1.0; across];
+    for line in 0..lines {
+        for (k, sample) in samples.iter_mut().enumerate() {
+            *sample = background
+                .brightness(image, point(k as f64, line))
+                .unwrap_or(1.0);
+        }
+        let mut bands = bands(&samples, width);
+        for band in &mut bands {
+            link(band, line, &found, step);
+        }
+        found.push(bands);
+    }
+    let best = found
+        .iter()
+        .enumerate()
+        .flat_map(|(line, bands)| (0..bands.len()).map(move |k| (line, k)))
+        .max_by(|a, b| {
+            let score = |(line, k): (usize, usize)| found[line][k].score;
+            score(*a).total_cmp(&score(*b))
+        })?;
+    let score = found.get(best.0)?.get(best.1)?.score;
+    let mut points = Vec::new();
+    let mut next = Some(best);
+    while let Some((line, k)) = next {
+        let band = found.get(line)?.get(k)?;
+        points.push(point(band.at, line));
+        next = band.before;
+    }
+    (points.len() >= 4).then_some((score, points))
+}
+
+/// Dark bands of about `width` in one line.
+fn bands(samples: &[f32], width: f64) -> Vec<Band> {
+    let inner = width.round().max(2.0) as usize;
+    let side = inner.max(3);
+    let sum = |from: usize, to: usize| samples.get(from..to).map_or(0.0, |s| s.iter().sum::<f32>());
+    let response = |k: usize| -> f32 {
+        // Side, a gap of one, the band, a gap of one, side.
+        let band = k + side + 1;
+        let far = band + inner + 1;
+        let even = (sum(k, k + side) + sum(far, far + side)) / (2 * side) as f32;
+        let uneven = (sum(k, k + side) - sum(far, far + side)).abs() / side as f32;
+        let dark = even - sum(band, band + inner) / inner as f32;
+        dark - uneven
+    };
+    let total = 2 * side + 2 + inner;
+    let Some(last) = samples.len().checked_sub(total) else {
+        return Vec::new();
+    };
+    let mut bands = Vec::new();
+    let mut previous = 0.0;
+    let mut here = response(0);
+    for k in 0..last {
+        let next = response(k + 1);
+        if here > FAINT && here >= previous && here > next {
+            let middle = (k + side + 1) as f64 + 0.5 * (inner - 1) as f64;
+            bands.push(Band {
+                at: middle,
+                darkness: here,
+                score: here,
+                slope: 0.0,
+                before: None,
+            });
+        }
+        (previous, here) = (here, next);
+    }
+    bands.sort_by(|a, b| b.darkness.total_cmp(&a.darkness));
+    bands.truncate(BANDS);
+    bands
+}
+
+/// Joins a band to the best chain in the lines before.
+fn link(band: &mut Band, line: usize, found: &[Vec<Band>], step: f64) {
+    for skipped in 1..=SKIP.min(line) {
+        let Some(earlier) = found.get(line - skipped) else {
+            continue;
         };
-        let core = ((0.5 * width - 0.5).round().max(0.0)) as usize;
-        let gap = ((0.35 * width).ceil() as usize).max(2);
-        let reach = core + gap + 2;
-        self.lines.resize_with(count, Vec::new);
-        self.lines.truncate(count);
-        let mut sums = vec![0_i32; long + 1];
-        let pixels = image.pixels();
-        for (k, line) in self.lines.iter_mut().enumerate() {
-            line.clear();
-            let c = k * stride + stride / 2;
-            for i in 0..long {
-                let g = if down {
-                    pixels[c * w + i]
-                } else {
-                    pixels[i * w + c]
-                };
-                sums[i + 1] = sums[i] + i32::from(g);
-            }
-            if long <= 2 * reach + 2 {
+        for (k, before) in earlier.iter().enumerate() {
+            let distance = skipped as f64 * step;
+            let slope = (band.at - before.at) / distance;
+            let bent = (slope - before.slope).abs();
+            let fresh = before.before.is_none();
+            if slope.abs() > 1.2 || (!fresh && bent > 0.5) {
                 continue;
             }
-            let n = (2 * core + 1) as i32;
-            // Twice the flank of two samples against the core, in grey levels times 2 n.
-            let response = |i: usize| {
-                let middle = sums[i + core + 1] - sums[i - core];
-                let l = sums[i - core - gap] - sums[i - core - gap - 2];
-                let r = sums[i + core + gap + 3] - sums[i + core + gap + 1];
-                l.min(r) * n - 2 * middle
-            };
-            let least = 2 * n * 8;
-            let mut i = reach;
-            while i + reach + 1 < long {
-                let r = response(i);
-                if r < least {
-                    i += 1;
-                    continue;
-                }
-                let (mut best, mut at) = (r, i);
-                while i + reach + 1 < long {
-                    let r = response(i);
-                    if r < least {
-                        break;
-                    }
-                    if r > best {
-                        (best, at) = (r, i);
-                    }
-                    i += 1;
-                }
-                line.push(Ridge {
-                    at: at as f32,
-                    strength: best as f32 / (2 * n) as f32,
-                    score: 0.0,
-                    slope: 0.0,
-                    from: None,
-                    used: false,
-                });
+            let penalty = 0.3 * (skipped - 1) as f32 + if fresh { 0.0 } else { bent as f32 };
+            let score = before.score + band.darkness - 0.5 * penalty * band.darkness;
+            if score > band.score {
+                band.score = score;
+                band.slope = if fresh {
+                    slope
+                } else {
+                    0.5 * (slope + before.slope)
+                };
+                band.before = Some((line - skipped, k));
             }
-            line.sort_by(|a, b| b.strength.total_cmp(&a.strength));
-            line.truncate(KEPT);
         }
     }
-
-    /// The smooth chain with most darkness (dynamic programming over the lines).
-    #[expect(clippy::cast_possible_truncation, reason = "few lines, few ridges")]
-    fn best_chain(&mut self, image: &GrayImage, stride: usize, down: bool) -> Option<Candidate> {
-        let mut best: Option<(usize, usize, f32)> = None;
-        for k in 0..self.lines.len() {
-            let (before, rest) = self.lines.split_at_mut(k);
-            for (i, ridge) in rest[0].iter_mut().enumerate() {
-                ridge.from = None;
-                ridge.score = ridge.strength;
-                if ridge.used {
-                    continue;
-                }
-                for gap in 1..=MISSES.min(k) {
-                    let step = (gap * stride) as f32;
-                    for (j, p) in before[k - gap].iter().enumerate() {
-                        let slope = (ridge.at - p.at) / step;
-                        if p.used || slope.abs() > 1.15 {
-                            continue;
-                        }
-                        let turn = if p.from.is_some() {
-                            (slope - p.slope).abs() * step
-                        } else {
-                            0.0
-                        };
-                        // A turn of more than two pixels on the way is another thing.
-                        if turn > 2.5 + 0.1 * step {
-                            continue;
-                        }
-                        let score =
-                            p.score + ridge.strength * (1.0 - 0.15 * turn) - 4.0 * (gap - 1) as f32;
-                        if score > ridge.score {
-                            ridge.score = score;
-                            ridge.slope = if p.from.is_some() {
-                                0.5 * (slope + p.slope)
-                            } else {
-                                slope
-                            };
-                            ridge.from = Some(((k - gap) as u16, j as u16));
-                        }
-                    }
-                }
-                if best.is_none_or(|b| ridge.score > b.2) {
-                    best = Some((k, i, ridge.score));
-                }
-            }
-        }
-        let (mut k, mut i, score) = best?;
-        let mut points = Vec::new();
-        loop {
-            let ridge = &mut self.lines[k][i];
-            ridge.used = true;
-            let c = (k * stride + stride / 2) as f64;
-            let at = f64::from(ridge.at);
-            points.push(if down {
-                Point2::new(at, c)
-            } else {
-                Point2::new(c, at)
-            });
-            match ridge.from {
-                Some((a, b)) => (k, i) = (usize::from(a), usize::from(b)),
-                None => break,
-            }
-        }
-        if points.len() < 4 {
-            return None;
-        }
-        // The needle comes in from the image's nearer border.
-        let (first, last) = (points[0], points[points.len() - 1]);
-        if border(image, first) > border(image, last) {
-            points.reverse();
-        }
-        Some(Candidate {
-            points,
-            score: f64::from(score),
-        })
-    }
-}
-
-fn stride(width: f64) -> usize {
-    if width > 4.0 { 8 } else { 5 }
-}
-
-/// Distance from the image's border.
-fn border(image: &GrayImage, p: Point2<f64>) -> f64 {
-    let (w, h) = (image.width() as f64, image.height() as f64);
-    p.x.min(w - p.x).min(p.y).min(h - p.y)
 }

@@ -1,18 +1,470 @@
-//! Needle tracking in stereo images.
+//! Needle tracking: a pair of images to a curve in space.
 //!
-//! A curve through a few control points per image, filtered by Kalman's equations with the
-//! robot's odometry; measured along its normals and at its tip; and one curve in space fitted to
-//! both images through the refracting walls.
+//! Per image: a polynomial curve through control points on the needle, in a Kalman filter that
+//! odometry predicts; the shaft measured along normals, robustly; the tip from the fall of the
+//! darkness along the axis, the bevel's silhouette at its present turn included. Both images
+//! give one curve in space, through the container's windows, with its covariance
+//! \[Chevrie2016, section IV.A\]. `docs/TRACKING.md` explains it.
 
-mod across;
+mod answer;
+mod background;
+mod curve;
+mod filter;
 mod find;
-mod planar;
-mod polynomial;
+mod frames;
+mod geometry;
+mod section;
 mod settings;
-mod solid;
-mod stereo;
+mod silhouette;
+mod single;
+mod space;
 mod tip;
 
-pub use polynomial::MAX_POINTS;
-pub use settings::{Surface, TrackSettings, TrackSettingsError};
-pub use stereo::{Context, Curve2, FrameError, LossReason, StereoTracker, Tracked};
+pub use answer::{Context, Loss, Tracked};
+pub use curve::Curve2;
+pub use frames::FrameError;
+pub use settings::{Appearance, TrackSettings, TrackSettingsError};
+pub use single::Flaw;
+
+use hal::telemetry::Tracking;
+use hal::{GrayImage, Position, SensedPoint, SensedTip, Stamp, StereoFrame};
+use nalgebra::{Matrix2, Point3, Unit, Vector2, Vector3};
+
+use crate::camera::{DistortedPx, StereoRig, View, triangulate};
+use answer::{POINTS, unseen};
+use curve::MOST;
+use filter::Change;
+use geometry::{base_shifts, resembles, scene};
+use single::{ImageTracker, Look};
+use space::Curve3;
+
+/// Disagreement of the two tips along the needle beyond which they are not of one needle \[px\],
+/// in images 640 wide; calibrations of careful laboratories stay below a pixel.
+const EPIPOLAR: f64 = 2.5;
+/// How far from a guess the needle is sought \[px\], in images 640 wide.
+const AROUND_GUESS: f64 = 14.0;
+
+/// Tracks a needle in pairs of images.
+#[derive(Clone, Debug)]
+pub struct StereoTracker {
+    settings: TrackSettings,
+    needle: Appearance,
+    views: [View; 2],
+    /// Where the cameras' axes meet, about.
+    scene: Vector3<f64>,
+    images: [ImageTracker; 2],
+    curve: Option<Curve3>,
+    clicked: Option<[[DistortedPx; 2]; 2]>,
+    last: Option<Stamp>,
+    losses: u32,
+    tracked: Tracked,
+}
+
+impl StereoTracker {
+    /// A tracker for `needle` in the images of `rig`.
+    ///
+    /// # Errors
+    /// A setting outside its range.
+    pub fn new(
+        rig: &StereoRig,
+        needle: Appearance,
+        settings: &TrackSettings,
+    ) -> Result<Self, TrackSettingsError> {
+        settings.validate()?;
+        needle.validate()?;
+        let views = rig.views();
+        let image =
+            |view: &View| ImageTracker::new(view.camera.width, view.camera.height, settings);
+        Ok(Self {
+            settings: settings.clone(),
+            needle,
+            scene: scene(&views),
+            images: [image(&views[0]), image(&views[1])],
+            views,
+            curve: None,
+            clicked: None,
+            last: None,
+            losses: 0,
+            tracked: unseen(),
+        })
+    }
+
+    /// Forgets needle and background.
+    pub fn reset(&mut self) {
+        for image in &mut self.images {
+            image.reset();
+        }
+        self.curve = None;
+        self.clicked = None;
+        self.last = None;
+        self.losses = 0;
+        self.tracked = unseen();
+    }
+
+    /// Starts in the next pair from two points on the needle in each image, its tip second.
+    pub fn start_at(&mut self, left: [DistortedPx; 2], right: [DistortedPx; 2]) {
+        self.forget_needle();
+        self.clicked = Some([left, right]);
+    }
+
+    /// The newest answer.
+    pub const fn tracked(&self) -> &Tracked {
+        &self.tracked
+    }
+
+    /// Takes a pair in. After an error the needle is carried on by prediction, and counts as
+    /// lost after some pairs.
+    ///
+    /// # Errors
+    /// The pair cannot be this rig's or shows nothing.
+    pub fn track(
+        &mut self,
+        pair: &StereoFrame,
+        context: &Context<'_>,
+    ) -> Result<&Tracked, FrameError> {
+        let stamp = pair.left.stamp;
+        let dt = self.last.map_or(0.0, |last| stamp.secs_since(last));
+        let checked = frames::fits(pair, &self.views);
+        if !matches!(checked, Err(FrameError::Size { .. })) {
+            self.last = Some(stamp);
+        }
+        if let Err(error) = checked {
+            self.coast(dt, context);
+            return Err(error);
+        }
+        let images = [pair.left.image.as_ref(), pair.right.image.as_ref()];
+        let outcome = if self.curve.is_some() {
+            self.follow(images, dt, context)
+        } else {
+            self.start(images, context)
+        };
+        let outcome = match outcome {
+            Err(loss) if self.give_up() => {
+                self.forget_needle();
+                // The same pair may show where the needle is now.
+                self.start(images, context).map_err(|_| loss)
+            }
+            other => other,
+        };
+        self.report(pair, context, outcome.err());
+        if outcome.is_err() {
+            frames::shows(pair)?;
+        }
+        Ok(&self.tracked)
+    }
+
+    fn give_up(&mut self) -> bool {
+        let started = self.curve.is_some();
+        started && {
+            self.losses += 1;
+            self.losses >= self.settings.lost_after
+        }
+    }
+
+    fn forget_needle(&mut self) {
+        for image in &mut self.images {
+            image.drop_needle();
+        }
+        self.curve = None;
+    }
+
+    /// Carries everything on without images.
+    fn coast(&mut self, dt: f64, context: &Context<'_>) {
+        if self.curve.is_some() {
+            let changes = self.predict(dt, context);
+            for (image, change) in self.images.iter_mut().zip(&changes) {
+                image.coast(change);
+            }
+            if self.give_up() {
+                self.forget_needle();
+            }
+        }
+        self.tracked.status = self.status_without();
+        self.tracked.loss = Some(Loss::NotFound);
+    }
+
+    fn status_without(&self) -> Tracking {
+        match (&self.curve, self.tracked.status) {
+            (Some(_), _) => Tracking::Predicted,
+            (None, Tracking::None) => Tracking::None,
+            (None, _) => Tracking::Lost,
+        }
+    }
+
+    /// Moves the curve in space on, and tells what that means in each image.
+    fn predict(&mut self, dt: f64, context: &Context<'_>) -> [Change; 2] {
+        let mut changes = [Change {
+            dt,
+            walk: self.settings.shaft_walk_px * self.images[0].scale(),
+            ..Change::default()
+        }; 2];
+        let Some(curve) = &mut self.curve else {
+            return changes;
+        };
+        let shifts = base_shifts(curve, context.base_motion);
+        let axis = curve.derivative(1.0).normalize();
+        for ((change, view), image) in changes.iter_mut().zip(&self.views).zip(&self.images) {
+            for (i, point) in curve.control_points().iter().enumerate() {
+                if let Some((_, jacobian)) = view.project_with_derivative(point) {
+                    change.shifts[i] = jacobian * shifts[i];
+                    if let Some(insertion) = context.insertion {
+                        let advance = (jacobian * axis * insertion).norm() * insertion.signum();
+                        let sigma = self.settings.advance_sigma_px * image.scale();
+                        change.advance = Some((advance, sigma + 0.2 * advance.abs()));
+                    }
+                }
+            }
+        }
+        curve.shift(&shifts);
+        let speed = curve.derivative(1.0).norm();
+        let advance = context.insertion.unwrap_or_else(|| {
+            // By the left image's estimate of the speed.
+            let filter = self.images[0].filter();
+            let pixels = filter.map_or(0.0, |f| f.speed() * dt);
+            let length = filter.map_or(1.0, |f| f.curve().derivative(1.0).norm());
+            pixels / length.max(1.0) * speed
+        });
+        curve.grow(advance.clamp(-0.2 * speed, 0.2 * speed));
+        changes
+    }
+
+    /// Both images from the prediction.
+    fn follow(
+        &mut self,
+        images: [&GrayImage; 2],
+        dt: f64,
+        context: &Context<'_>,
+    ) -> Result<(), Loss> {
+        let changes = self.predict(dt, context);
+        let Some(mut curve) = self.curve.take() else {
+            return Err(Loss::NotFound);
+        };
+        let tip = curve.at(1.0);
+        let axis = curve.derivative(1.0).normalize();
+        let mut flaw = None;
+        for k in 0..2 {
+            let look = self.look(k, &tip, Some(&axis), context);
+            if let Err(wrong) = self.images[k].follow(images[k], &changes[k], &look) {
+                flaw = flaw.or(Some(if k == 0 {
+                    Loss::Left(wrong)
+                } else {
+                    Loss::Right(wrong)
+                }));
+            }
+        }
+        let outcome = match flaw {
+            Some(loss) => Err(loss),
+            None => self.fuse(&mut curve, 2),
+        };
+        self.curve = Some(curve);
+        if outcome.is_ok() {
+            self.losses = 0;
+        }
+        outcome
+    }
+
+    /// The curve in space from both filters.
+    fn fuse(&self, curve: &mut Curve3, rounds: usize) -> Result<(), Loss> {
+        let [Some(left), Some(right)] = [self.images[0].filter(), self.images[1].filter()] else {
+            return Err(Loss::NotFound);
+        };
+        let kept = curve.clone();
+        if !curve.fit(&self.views, [left, right], rounds) {
+            *curve = kept;
+            return Err(Loss::NoCurve);
+        }
+        if curve.epipolar > EPIPOLAR * self.images[0].scale() {
+            return Err(Loss::Disagreement { px: curve.epipolar });
+        }
+        Ok(())
+    }
+
+    /// How the needle appears in image `k` when its tip is at `tip`.
+    fn look(
+        &self,
+        k: usize,
+        tip: &Vector3<f64>,
+        axis: Option<&Vector3<f64>>,
+        context: &Context<'_>,
+    ) -> Look {
+        let view = &self.views[k];
+        let projected = view.project_with_derivative(tip);
+        let Some((px, jacobian)) = projected else {
+            return Look {
+                width: 3.0,
+                bevel_px: 0.0,
+                side: None,
+                rim_px: 0.0,
+            };
+        };
+        let sight = view.ray(px).map_or_else(Vector3::z, |ray| ray.direction);
+        let across = axis
+            .and_then(|axis| axis.cross(&sight).try_normalize(1e-6))
+            .or_else(|| sight.cross(&Vector3::x()).try_normalize(1e-6))
+            .unwrap_or_else(Vector3::y);
+        let width = (jacobian * across).norm() * self.needle.diameter;
+        Look {
+            width,
+            rim_px: axis.map_or(0.0, |axis| 0.5 * width * axis.dot(&sight).abs()),
+            bevel_px: axis.map_or_else(
+                || (jacobian * across).norm(),
+                |axis| (jacobian * axis).norm(),
+            ) * self.needle.bevel_length,
+            side: context.bevel.map(|bevel| bevel.dot(&across).abs().min(1.0)),
+        }
+    }
+
+    /// Finds the needle: at clicked points, near a guess, or anywhere.
+    fn start(&mut self, images: [&GrayImage; 2], context: &Context<'_>) -> Result<(), Loss> {
+        let clicked = self.clicked.take();
+        if clicked.is_none() && context.guess.is_some_and(|guess| guess.len() < 2) {
+            for (tracker, image) in self.images.iter_mut().zip(images) {
+                tracker.learn(image);
+            }
+            return Err(Loss::NotFound);
+        }
+        for k in 0..2 {
+            let (line, reach, look) = match (&clicked, context.guess) {
+                (Some(points), _) => {
+                    let line = points[k].iter().map(|px| px.0.coords).collect();
+                    let look = self.look(k, &self.scene, None, context);
+                    (line, AROUND_GUESS, look)
+                }
+                (None, Some(guess)) => self.near_guess(k, guess, context),
+                (None, None) => {
+                    let look = self.look(k, &self.scene, None, context);
+                    let tracker = &self.images[k];
+                    let line =
+                        find::find(images[k], tracker.background(), look.width, tracker.scale());
+                    (line.unwrap_or_default(), 4.0, look)
+                }
+            };
+            let tracker = &mut self.images[k];
+            let reach = reach * tracker.scale();
+            if line.len() < 2 || tracker.start(images[k], &line, reach, &look).is_err() {
+                if context.guess.is_none() && clicked.is_none() {
+                    tracker.learn(images[k]);
+                }
+                self.forget_needle();
+                return Err(Loss::NotFound);
+            }
+        }
+        let outcome = self.first_curve().and_then(|mut curve| {
+            self.fuse(&mut curve, 12)?;
+            let plausible =
+                clicked.is_some() || context.guess.is_none_or(|guess| resembles(&curve, guess));
+            if plausible {
+                Ok(curve)
+            } else {
+                Err(Loss::NotFound)
+            }
+        });
+        match outcome {
+            Ok(curve) => {
+                self.curve = Some(curve);
+                self.losses = 0;
+                Ok(())
+            }
+            Err(loss) => {
+                self.forget_needle();
+                Err(loss)
+            }
+        }
+    }
+
+    /// A guess in one image.
+    fn near_guess(
+        &self,
+        k: usize,
+        guess: &[Point3<f64>],
+        context: &Context<'_>,
+    ) -> (Vec<Vector2<f64>>, f64, Look) {
+        let view = &self.views[k];
+        let line = guess
+            .iter()
+            .filter_map(|p| view.project(&p.coords))
+            .filter(|px| view.camera.contains(*px))
+            .map(|px| px.0.coords)
+            .collect();
+        let tip = guess.last().map_or(self.scene, |p| p.coords);
+        let axis = match guess {
+            [.., before, last] => (last - before).try_normalize(1e-9),
+            _ => None,
+        };
+        let look = self.look(k, &tip, axis.as_ref(), context);
+        (line, AROUND_GUESS, look)
+    }
+
+    /// Points on both curves at equal parameters, triangulated: a start for the fit.
+    fn first_curve(&self) -> Result<Curve3, Loss> {
+        let count = self.settings.control_points;
+        let [Some(left), Some(right)] = [self.images[0].filter(), self.images[1].filter()] else {
+            return Err(Loss::NotFound);
+        };
+        let curves = [left.curve(), right.curve()];
+        let mut points = [Vector3::zeros(); MOST];
+        for (i, point) in points.iter_mut().enumerate().take(count) {
+            let t = i as f64 / (count - 1) as f64;
+            let pixels = curves.map(|curve| DistortedPx(curve.at(t).into()));
+            *point = triangulate(&self.views, &pixels, &[Matrix2::identity(); 2])
+                .map_err(|_| Loss::NoCurve)?
+                .position
+                .coords();
+        }
+        Ok(Curve3::through(count, points))
+    }
+
+    /// Fills the answer in.
+    fn report(&mut self, pair: &StereoFrame, context: &Context<'_>, loss: Option<Loss>) {
+        self.tracked.status = match loss {
+            None => Tracking::Tracked,
+            Some(_) => self.status_without(),
+        };
+        self.tracked.loss = loss;
+        for (k, image) in self.images.iter().enumerate() {
+            self.tracked.curves[k] = image.filter().map(filter::CurveFilter::curve);
+        }
+        let Some(curve) = &self.curve else {
+            return;
+        };
+        let shape = &mut self.tracked.shape;
+        shape.stamp = pair.left.stamp;
+        shape.sequence = pair.left.sequence;
+        shape.points.clear();
+        // The points are correlated: a curve has so many lateral freedoms, not one a point.
+        let shared = (POINTS as f64 / self.settings.control_points as f64).sqrt();
+        for k in 0..POINTS {
+            let t = k as f64 / (POINTS - 1) as f64;
+            let axis = curve.derivative(t).normalize();
+            let covariance = curve.point_covariance(t);
+            let along = axis.dot(&(covariance * axis));
+            let across = (0.5 * (covariance.trace() - along)).max(0.0).sqrt();
+            shape.points.push(SensedPoint {
+                position: Position::new(curve.at(t).into()),
+                sigma: across * shared,
+            });
+        }
+        let slope = curve.derivative(1.0);
+        let axis = Unit::new_normalize(slope);
+        let bend = curve.slope_covariance(1.0) / slope.norm_squared();
+        let turning = bend.trace() - axis.dot(&(bend * axis.into_inner()));
+        // Errors that stay from image to image, such as of the surface's edge, turn a short
+        // visible shaft by much.
+        let visible = self.images.iter().filter_map(ImageTracker::filter);
+        let shortest = visible
+            .map(|filter| filter.curve().length())
+            .fold(f64::INFINITY, f64::min);
+        let common = self.settings.direction_floor_px * self.images[0].scale() / shortest.max(1.0);
+        shape.tip = SensedTip {
+            position: Position::new(curve.at(1.0).into()),
+            covariance: curve.point_covariance(1.0),
+            direction: axis,
+            direction_sigma: (0.5 * turning).max(0.0).sqrt().hypot(common),
+        };
+        let point = curve.at(1.0)
+            + context.bevel.map_or_else(Vector3::zeros, |bevel| {
+                axis.into_inner() * self.needle.bevel_length + bevel * (0.5 * self.needle.diameter)
+            });
+        self.tracked.point = Position::new(point.into());
+    }
+}

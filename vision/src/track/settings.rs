@@ -1,121 +1,130 @@
-//! What the tracker is told about the needle and how careful it is.
+//! Settings of the tracker.
 
-use nalgebra::{Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::polynomial::MAX_POINTS;
+use super::curve::MOST;
 
-/// A plane in the stereo frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Surface {
-    /// A point of it \[m\].
-    pub point: Point3<f64>,
-    /// Its normal, out of the gel.
-    pub normal: Unit<Vector3<f64>>,
+/// The needle as cameras see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Appearance {
+    /// Outer diameter \[m\].
+    pub diameter: f64,
+    /// Length of the bevel along the axis \[m\]; 0 for a flat tip.
+    pub bevel_length: f64,
 }
 
-/// Settings of the tracker.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// Settings of the tracker. Lengths in pixels are for images 640 px wide and grow with the
+/// width.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackSettings {
-    /// Control points of the curves: 4 (a cubic) to 6.
+    /// Control points of the curve: 4 (a cubic), 5 or 6.
     pub control_points: usize,
-    /// Normals along each image's curve.
+    /// Normals along which the shaft is measured.
     pub normals: usize,
-    /// Outer diameter of the needle \[m\].
-    pub needle_diameter: f64,
-    /// Length of the bevel along the axis \[m\]; 0 is a flat tip.
-    pub bevel_length: f64,
-    /// Greatest distance of the shaft from its prediction, in needle widths.
-    pub search_widths: f64,
-    /// Greatest distance of the tip from its prediction, in needle widths.
-    pub tip_search_widths: f64,
-    /// Unpredicted motion of the shaft across itself, 1 sigma per image \[px\].
-    pub lateral_drift_px: f64,
-    /// Unpredicted motion of the tip along the needle, 1 sigma per image \[px\].
-    pub tip_drift_px: f64,
-    /// Errors common to a whole curve (uneven light, highlights, pixels), 1 sigma \[px\].
-    pub systematic_px: f64,
-    /// Share of the normals that must show the needle.
-    pub min_survivors: f64,
-    /// Images in a row without a measurement after which the needle is lost.
+    /// Farthest distance from the prediction at which shaft and tip are searched \[px\].
+    pub search_px: f64,
+    /// Shortest visible shaft that can be tracked \[px\].
+    pub visible_px: f64,
+    /// Images in a row without a good shaft or tip before the needle counts as lost.
     pub lost_after: u32,
-    /// Greatest time between the two exposures of a pair \[s\].
-    pub max_skew: f64,
-    /// The gel's surface; the shaft is followed below it only. Without it the curve begins at
-    /// the guess's first point, or where the visible shaft begins.
-    pub surface: Option<Surface>,
+    /// Change of the shaft between images that odometry does not explain \[px\].
+    pub shaft_walk_px: f64,
+    /// Error of the odometry's advance of the tip between images \[px\].
+    pub advance_sigma_px: f64,
+    /// Standard deviation of one measured normal that no noise explains: sampling, highlights
+    /// \[px\].
+    pub normal_floor_px: f64,
+    /// The same of the tip along its axis \[px\].
+    pub tip_floor_px: f64,
+    /// Error of the tip's direction that stays from image to image, across the whole visible
+    /// length \[px\].
+    pub direction_floor_px: f64,
+    /// Blur of the images, as a Gaussian \[px\].
+    pub blur_px: f64,
 }
 
 impl Default for TrackSettings {
     fn default() -> Self {
-        let needle_diameter = 0.7e-3;
         Self {
             control_points: 4,
             normals: 60,
-            needle_diameter,
-            bevel_length: needle_diameter / 20f64.to_radians().tan(),
-            search_widths: 3.5,
-            tip_search_widths: 6.0,
-            lateral_drift_px: 0.3,
-            tip_drift_px: 0.12,
-            systematic_px: 0.025,
-            min_survivors: 0.4,
+            search_px: 12.0,
+            visible_px: 12.0,
             lost_after: 3,
-            max_skew: 2e-3,
-            surface: None,
+            shaft_walk_px: 0.10,
+            advance_sigma_px: 0.15,
+            normal_floor_px: 0.05,
+            tip_floor_px: 0.06,
+            direction_floor_px: 1.0,
+            blur_px: 0.9,
         }
     }
 }
 
-/// A setting outside its range.
+/// Settings that make no tracker.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("track.{name} = {value}: must be within {min} and {max}")]
+#[error("{key} = {value}: must be from {lowest} to {highest}")]
 pub struct TrackSettingsError {
-    /// The setting.
-    pub name: &'static str,
-    /// Its value.
+    /// Key of the setting.
+    pub key: &'static str,
+    /// The refused value.
     pub value: f64,
-    /// Smallest allowed value.
-    pub min: f64,
-    /// Greatest allowed value.
-    pub max: f64,
+    /// Lowest allowed value.
+    pub lowest: f64,
+    /// Highest allowed value.
+    pub highest: f64,
 }
 
 impl TrackSettings {
-    /// Checks every setting against its range.
+    /// Checks every range.
     ///
     /// # Errors
-    /// The first setting outside its range (NaN is outside every range).
+    /// The first setting outside its range.
     pub fn validate(&self) -> Result<(), TrackSettingsError> {
-        for (name, value, min, max) in [
-            (
-                "control_points",
-                self.control_points as f64,
-                4.0,
-                MAX_POINTS as f64,
-            ),
-            ("normals", self.normals as f64, 20.0, 200.0),
-            ("needle_diameter", self.needle_diameter, 1e-4, 5e-3),
-            ("bevel_length", self.bevel_length, 0.0, 2e-2),
-            ("search_widths", self.search_widths, 1.0, 10.0),
-            ("tip_search_widths", self.tip_search_widths, 1.0, 20.0),
-            ("lateral_drift_px", self.lateral_drift_px, 0.0, 10.0),
-            ("tip_drift_px", self.tip_drift_px, 0.0, 10.0),
-            ("systematic_px", self.systematic_px, 0.0, 5.0),
-            ("min_survivors", self.min_survivors, 0.1, 0.95),
-            ("lost_after", f64::from(self.lost_after), 1.0, 100.0),
-            ("max_skew", self.max_skew, 0.0, 1.0),
-        ] {
-            if !(min..=max).contains(&value) {
-                return Err(TrackSettingsError {
-                    name,
-                    value,
-                    min,
-                    max,
-                });
-            }
-        }
-        Ok(())
+        within(
+            "control_points",
+            self.control_points as f64,
+            4.0,
+            MOST as f64,
+        )?;
+        within("normals", self.normals as f64, 20.0, 200.0)?;
+        within("search_px", self.search_px, 4.0, 24.0)?;
+        within("visible_px", self.visible_px, 6.0, 200.0)?;
+        within("lost_after", f64::from(self.lost_after), 1.0, 30.0)?;
+        within("shaft_walk_px", self.shaft_walk_px, 1e-3, 5.0)?;
+        within("advance_sigma_px", self.advance_sigma_px, 1e-3, 5.0)?;
+        within("normal_floor_px", self.normal_floor_px, 1e-3, 1.0)?;
+        within("tip_floor_px", self.tip_floor_px, 1e-3, 2.0)?;
+        within("direction_floor_px", self.direction_floor_px, 0.0, 10.0)?;
+        within("blur_px", self.blur_px, 0.3, 5.0)
     }
+}
+
+impl Appearance {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// The first value outside its range.
+    pub fn validate(&self) -> Result<(), TrackSettingsError> {
+        within("diameter", self.diameter, 5e-5, 1e-2)?;
+        within("bevel_length", self.bevel_length, 0.0, 2e-2)
+    }
+}
+
+fn within(
+    key: &'static str,
+    value: f64,
+    lowest: f64,
+    highest: f64,
+) -> Result<(), TrackSettingsError> {
+    if value >= lowest && value <= highest {
+        return Ok(());
+    }
+    Err(TrackSettingsError {
+        key,
+        value,
+        lowest,
+        highest,
+    })
 }

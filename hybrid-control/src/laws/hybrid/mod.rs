@@ -10,7 +10,7 @@ use hal::{Stamp, Twist};
 use nalgebra::Vector3;
 
 use crate::bevel::BevelModulator;
-use crate::estimator::Rollout;
+use crate::estimator::{Estimator, Rollout};
 use crate::settings::HybridSettings;
 use crate::tasks::target_velocity;
 use crate::view::{Decision, Law, View, blank_report};
@@ -54,7 +54,8 @@ impl Hybrid {
             return self.plan.valid;
         }
         self.planned_at = Some(view.time);
-        view.estimator.rollout(&plan::aim(view), &mut self.rollout);
+        view.estimator
+            .rollout(&view.target.position, &mut self.rollout);
         self.plan = plan::make(view, &self.rollout, &self.settings);
         self.plan.valid
     }
@@ -146,6 +147,11 @@ impl Law for Hybrid {
             },
             report,
         }
+    }
+
+    fn predicted_path(&self, estimator: &Estimator, path: &mut Vec<Vector3<f64>>) {
+        path.clear();
+        path.extend(self.rollout.path(estimator).map(|point| point.coords));
     }
 
     fn reset(&mut self) {

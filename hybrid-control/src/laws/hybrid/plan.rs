@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 
 use hal::telemetry::Limit;
-use nalgebra::{Point3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use crate::estimator::Rollout;
 use crate::levels::{Levels, padded};
@@ -63,11 +63,6 @@ impl Plan {
     }
 }
 
-/// Where the target will be when the tip gets there, at its present velocity.
-pub(super) fn aim(view: &View<'_>) -> Point3<f64> {
-    view.target.position
-}
-
 /// Fraction of an authority's use: all at `full`, none at zero or on the wrong side.
 fn fade(authority: f64, full: f64) -> f64 {
     (authority / full.max(1e-9)).clamp(0.0, 1.0)
@@ -105,20 +100,33 @@ fn room(view: &View<'_>) -> (f64, f64) {
     )
 }
 
+/// Tilt of the base as slopes of the insertion frame \[rad\], and the largest that a plan may lead
+/// to: inside the workspace by what a polygon stands out of its disc, but never less than now.
+fn tilt(view: &View<'_>) -> (Vector2<f64>, f64) {
+    let axis = view
+        .estimator
+        .world_from_insertion()
+        .inverse_transform_vector(&view.base_axis());
+    let across = axis.xy();
+    let tilted = across
+        .try_normalize(1e-9)
+        .map_or_else(Vector2::zeros, |out| out * across.norm().atan2(axis.z));
+    let inside = (core::f64::consts::PI / SIDES as f64).cos();
+    let most = view.limits.tilt_deg.to_radians() * inside;
+    (tilted, most.max(tilted.norm()))
+}
+
 fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpError> {
     let per_degree = 1_f64.to_radians();
     let pivot_fade = fade(r.pivot * per_degree, s.pivot_fade_mm_deg * MILLIMETRE);
     // A shift tilts the tip the other way as long as it steers at all.
     let shift_fade = fade(-r.shift, s.shift_fade);
     let (tilt_room, offset_room) = room(view);
+    // Shifting back is always possible: the room counts outwards only.
     let pivot_unit = s.pivot_weight_deg.to_radians();
     let shift_unit = s.shift_weight_mm * MILLIMETRE;
-    // Tilting back is always possible: the room counts outwards only.
-    let pivot_most = if s.pivot {
-        pivot_fade * tilt_room.max(2_f64.to_radians())
-    } else {
-        0.0
-    };
+    let pivot_use = if s.pivot { pivot_fade } else { 0.0 };
+    let pivot_most = pivot_use * tilt_room.max(2_f64.to_radians());
     let shift_most = if s.shift {
         shift_fade * offset_room.max(2.0 * MILLIMETRE)
     } else {
@@ -129,7 +137,13 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
 
     let mut rows: Vec<Constraint<N>> = Vec::with_capacity(crate::qp::MAX_CONSTRAINTS);
     let none = Vector2::zeros();
-    disc(&mut rows, PIVOT, &none, pivot_most / pivot_unit);
+    let (tilted, tilt_most) = tilt(view);
+    disc(
+        &mut rows,
+        PIVOT,
+        &(-tilted * (pivot_use / pivot_unit)),
+        pivot_use * tilt_most / pivot_unit,
+    );
     disc(&mut rows, SHIFT, &none, shift_most / shift_unit);
     disc(&mut rows, CURVATURE, &none, curvature_most);
     let stretch_bound = view.limits.entry_stretch_mm;
@@ -163,8 +177,10 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
     let mut excess = SMatrix::<f64, 2, N>::zeros();
     excess[(0, EXCESS)] = 1.0;
     excess[(1, EXCESS + 1)] = 1.0;
-    let (a, b) = padded(&excess, &Vector2::zeros());
-    levels.level(&a, &b)?;
+    if s.spare_entry {
+        let (a, b) = padded(&excess, &Vector2::zeros());
+        levels.level(&a, &b)?;
+    }
     let mut effort = SMatrix::<f64, N, N>::zeros();
     for i in 0..4 {
         effort[(i, i)] = 1.0;
@@ -181,12 +197,18 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
     } else {
         Vector2::zeros()
     };
+    let curvature = two(CURVATURE).cap_magnitude(1.0);
     Ok(Plan {
         valid: x.iter().all(|v| v.is_finite()),
         pivot: two(PIVOT) * (pivot_unit * pivot_fade),
         shift: two(SHIFT) * (shift_unit * shift_fade),
         unload,
-        curvature: two(CURVATURE).cap_magnitude(1.0),
+        // Without modulation the bevel faces where it is needed, and gives all it has.
+        curvature: if s.modulate {
+            curvature
+        } else {
+            curvature.try_normalize(1e-3).unwrap_or(curvature)
+        },
         shortfall: if curvature_most >= 1.0 && residual > 1e-6 {
             residual
         } else {

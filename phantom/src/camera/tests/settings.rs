@@ -1,13 +1,39 @@
 //! Bad settings are refused with their range.
 
 use super::scene::{rig, world_from_phantom};
-use crate::camera::{CameraSettings, RigError, SettingsError, StereoRig};
+use crate::SettingsError;
+use crate::camera::{CameraSettings, RigError, StereoRig};
 
-fn refused(change: impl FnOnce(&mut CameraSettings)) -> SettingsError {
+struct Refused {
+    text: String,
+    key: &'static str,
+    value: f64,
+    lowest: f64,
+    highest: f64,
+}
+
+fn refused(change: impl FnOnce(&mut CameraSettings)) -> Refused {
     let mut settings = CameraSettings::default();
     change(&mut settings);
     match StereoRig::new(&settings, &world_from_phantom(), 1) {
-        Err(RigError::Settings(e)) => e,
+        Err(RigError::Settings(e)) => {
+            let text = e.to_string();
+            match e {
+                SettingsError::OutOfRange {
+                    key,
+                    value,
+                    lowest,
+                    highest,
+                } => Refused {
+                    text,
+                    key,
+                    value,
+                    lowest,
+                    highest,
+                },
+                other => panic!("no range: {other:?}"),
+            }
+        }
         other => panic!("not refused: {other:?}"),
     }
 }
@@ -15,34 +41,31 @@ fn refused(change: impl FnOnce(&mut CameraSettings)) -> SettingsError {
 #[test]
 fn what_is_outside_its_range_is_refused_with_the_range() {
     let e = refused(|s| s.container.gel_index = 0.9);
-    assert_eq!((e.name, e.value), ("container.gel_index", 0.9));
-    assert_eq!((e.min, e.max), (1.0, 1.7));
-    assert_eq!(
-        e.to_string(),
-        "container.gel_index = 0.9 is outside its range [1, 1.7]"
-    );
-    assert_eq!(refused(|s| s.focal_px = f64::NAN).name, "focal_px");
-    assert_eq!(refused(|s| s.focal_px = f64::INFINITY).name, "focal_px");
-    assert_eq!(refused(|s| s.width_px = 0).name, "width_px");
-    assert_eq!(refused(|s| s.height_px = 100_000).name, "height_px");
-    assert_eq!(refused(|s| s.distance_mm = 60.0).name, "distance_mm");
-    assert_eq!(refused(|s| s.separation_deg = 0.0).name, "separation_deg");
-    assert_eq!(refused(|s| s.rate_hz = 0.0).name, "rate_hz");
-    assert_eq!(refused(|s| s.rate_hz = -30.0).name, "rate_hz");
-    assert_eq!(refused(|s| s.distortion[1][0] = -3.0).name, "distortion k1");
+    assert_eq!((e.key, e.value), ("container.gel_index", 0.9));
+    assert_eq!((e.lowest, e.highest), (1.0, 1.7));
+    assert_eq!(e.text, "container.gel_index = 0.9: must be from 1 to 1.7");
+    assert_eq!(refused(|s| s.focal_px = f64::NAN).key, "focal_px");
+    assert_eq!(refused(|s| s.focal_px = f64::INFINITY).key, "focal_px");
+    assert_eq!(refused(|s| s.width_px = 0).key, "width_px");
+    assert_eq!(refused(|s| s.height_px = 100_000).key, "height_px");
+    assert_eq!(refused(|s| s.distance_mm = 60.0).key, "distance_mm");
+    assert_eq!(refused(|s| s.separation_deg = 0.0).key, "separation_deg");
+    assert_eq!(refused(|s| s.rate_hz = 0.0).key, "rate_hz");
+    assert_eq!(refused(|s| s.rate_hz = -30.0).key, "rate_hz");
+    assert_eq!(refused(|s| s.distortion[1][0] = -3.0).key, "distortion k1");
     let e = refused(|s| {
         s.delivery.latency_min_ms = 60.0;
         s.delivery.latency_max_ms = 30.0;
     });
-    assert_eq!((e.name, e.min), ("delivery.latency_max_ms", 60.0));
+    assert_eq!((e.key, e.lowest), ("delivery.latency_max_ms", 60.0));
     let e = refused(|s| s.delivery.drop_probability = 1.5);
-    assert_eq!(e.name, "delivery.drop_probability");
+    assert_eq!(e.key, "delivery.drop_probability");
     assert_eq!(
-        refused(|s| s.noise.gaussian_grey = -1.0).name,
+        refused(|s| s.noise.gaussian_grey = -1.0).key,
         "noise.gaussian_grey"
     );
     assert_eq!(
-        refused(|s| s.calibration.views = 1).name,
+        refused(|s| s.calibration.views = 1).key,
         "calibration.views"
     );
 }

@@ -157,6 +157,16 @@ impl Core {
         &self.link.last_error
     }
 
+    /// Why the arm behind the link is not the configured one, as far as it is known.
+    pub const fn unfit(&self) -> Option<Unfit> {
+        self.unfit
+    }
+
+    /// The newest positions read \[rad\].
+    pub fn positions(&self) -> Option<Joints> {
+        self.tracker.sample.map(|sample| sample.positions)
+    }
+
     /// Limits that slowed the last segment.
     pub fn limits_acted(&self) -> &[Limit] {
         &self.acted

@@ -1,0 +1,98 @@
+//! The state at one instant, and how it moves on with the base.
+
+use hal::Stamp;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
+
+use super::filter::Filter;
+use super::path::CutPath;
+use super::rod::{COLUMNS, Clamp, Rod, RodConstants, Row};
+use super::stiffness::StiffnessFit;
+use super::{Start, TIP, X, Y, planar};
+use crate::settings::EstimatorSettings;
+
+const _: () = assert!(COLUMNS > TIP);
+
+/// State at one instant.
+#[derive(Clone, Debug)]
+pub(super) struct Moment {
+    pub(super) stamp: Option<Stamp>,
+    pub(super) filter: Filter,
+    pub(super) path: CutPath,
+    pub(super) rod: Rod,
+    pub(super) clamp: Clamp,
+    pub(super) azimuth: f64,
+    /// How far the tip is behind the end of its path \[m\].
+    pub(super) retracted: f64,
+}
+
+/// Origin at the entry, z along the inward normal, x nearest to the base's x.
+pub(super) fn insertion_frame(start: &Start) -> Isometry3<f64> {
+    let z = start.entry.inward.into_inner();
+    let x = start.world_from_base.rotation * Vector3::x();
+    let x = (x - z * z.dot(&x)).normalize();
+    let rotation = nalgebra::Rotation3::from_basis_unchecked(&[x, z.cross(&x), z]);
+    Isometry3::from_parts(
+        Translation3::from(start.entry.point.coords),
+        UnitQuaternion::from_rotation_matrix(&rotation),
+    )
+}
+
+pub(super) fn azimuth_of(base: &Isometry3<f64>) -> f64 {
+    let bevel = base.rotation * -Vector3::y();
+    bevel.y.atan2(bevel.x)
+}
+
+/// A tip that can be moved by the unit column.
+pub(super) fn tip_row(v: &Vector2<f64>) -> Row {
+    let mut row = Row::default();
+    row[X] = v.x;
+    row[Y] = v.y;
+    row[TIP] = 1.0;
+    row
+}
+
+/// Clamp of a base pose in the insertion frame, with the columns of unit pivot and shift.
+pub(super) fn clamp_of(base: &Isometry3<f64>, fit: &StiffnessFit) -> Clamp {
+    let axis = base.rotation * Vector3::z();
+    let origin = base.translation.vector;
+    let slope = Vector2::new(axis.x, axis.y) / axis.z.max(0.3) + fit.base_tilt();
+    let w = origin.xy() + fit.base_shift();
+    Clamp {
+        z: origin.z,
+        w: [w.x, w.y, origin.z, 1.0, 0.0],
+        slope: [slope.x, slope.y, 1.0, 0.0, 0.0],
+    }
+}
+
+/// Moves a moment to a base pose: the tip cuts on by what the base has inserted.
+pub(super) fn advance(
+    m: &mut Moment,
+    base: &Isometry3<f64>,
+    length: f64,
+    depth_offset: f64,
+    constants: &RodConstants,
+    fit: &StiffnessFit,
+    s: &EstimatorSettings,
+) {
+    let before = m.rod.tip_slope();
+    m.clamp = clamp_of(base, fit);
+    let azimuth = azimuth_of(base);
+    let middle = m.azimuth + 0.5 * crate::tasks::wrap(azimuth - m.azimuth);
+    m.azimuth = azimuth;
+    let depth = (m.clamp.z + length - m.rod.shortening(X, Y) + depth_offset).max(1e-6);
+    let step = (depth - m.path.tip_depth()).max(0.0);
+    m.retracted = (m.path.tip_depth() - depth).max(0.0);
+    let compliance = s.tip_compliance_deg_n.to_radians();
+    let slope = planar(&before) - planar(&m.rod.reaction()) * compliance;
+    m.filter.propagate(step, &slope, before[TIP], middle, s);
+    m.path
+        .extend_to(m.path.tip_depth() + step, &tip_row(&m.filter.position()));
+    m.path.for_each(|_, row| row[TIP] = 0.0);
+    m.path.set_tip(&tip_row(&m.filter.position()));
+    m.rod.solve(constants, &m.clamp, &m.path);
+    // Half of the slope's change belongs to this step already.
+    let change = (planar(&m.rod.tip_slope()) - planar(&before)) * (0.5 * step);
+    let corrected = m.filter.position() + change;
+    m.filter.x.fixed_rows_mut::<2>(0).copy_from(&corrected);
+    m.path.set_tip(&tip_row(&corrected));
+}

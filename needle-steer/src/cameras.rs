@@ -1,0 +1,62 @@
+//! The simulated cameras of a configuration, and what the controller is told about them.
+
+use hal::Transform;
+use hal::frame::{LeftCamera, RightCamera};
+use nalgebra::Isometry3;
+use phantom::camera::{self as truth, CameraSettings, RigParameters};
+use vision::StereoRig;
+use vision::camera::{Camera, Container, Distortion, FlatWindow};
+
+use crate::config::Config;
+
+/// Settings of the simulated cameras: those of the phantom's preset, at the width asked for,
+/// with the configuration's changes.
+///
+/// # Errors
+/// An unknown preset or key, or a wrong type.
+pub fn settings(config: &Config) -> Result<CameraSettings, phantom::SettingsError> {
+    let preset = CameraSettings::preset(&config.run.phantom)?;
+    let sized = if config.cameras.width_px == preset.width_px {
+        preset
+    } else {
+        preset.at_1280()
+    };
+    sized.overridden(config.cameras.simulated.clone())
+}
+
+/// A rig as `vision` takes it from the phantom's parameters.
+pub fn calibrated(parameters: &RigParameters) -> StereoRig {
+    let camera = |lens: &truth::Lens| {
+        let [k1, k2, p1, p2, k3] = lens.distortion;
+        Camera {
+            width: parameters.width_px,
+            height: parameters.height_px,
+            fx: lens.fx,
+            fy: lens.fy,
+            cx: lens.cx,
+            cy: lens.cy,
+            distortion: Distortion { k1, k2, p1, p2, k3 },
+        }
+    };
+    let given = &parameters.container;
+    let window = |plane: &truth::Plane, camera_from_left: &Isometry3<f64>| {
+        let normal = camera_from_left.rotation * -plane.normal;
+        FlatWindow {
+            normal,
+            distance: (camera_from_left * plane.point.point()).coords.dot(&normal),
+            thickness: given.wall_thickness,
+            wall_index: given.wall_index,
+            gel_index: given.gel_index,
+        }
+    };
+    let right_from_left: Transform<RightCamera, LeftCamera> = parameters.right_from_left;
+    StereoRig {
+        left: camera(&parameters.left),
+        right: camera(&parameters.right),
+        right_from_left,
+        container: Some(Container {
+            left: window(&given.left_wall, &Isometry3::identity()),
+            right: window(&given.right_wall, right_from_left.isometry()),
+        }),
+    }
+}

@@ -1,0 +1,62 @@
+//! Whether an insertion gets on: a law that only moves to and fro ends with a verdict.
+
+use std::time::Duration;
+
+use hal::Stamp;
+
+/// Approach that counts as progress \[m\].
+const STEP: f64 = 0.2e-3;
+/// Longest time without progress: three times what `hybrid` may spend on slowing down at a
+/// tenth of the nominal speed, and many turns of the bevel.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+/// Watches the distance to the target's plane.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Progress {
+    /// Least distance so far \[m\], and when it was last undercut.
+    nearest: Option<(f64, Stamp)>,
+}
+
+impl Progress {
+    /// Takes note of the distance ahead \[m\]; answers the time without progress \[s\] once it is
+    /// too long.
+    pub fn update(&mut self, now: Stamp, ahead: f64) -> Option<f64> {
+        match self.nearest {
+            // NaN is no progress.
+            Some((nearest, since)) if ahead.is_nan() || ahead > nearest - STEP => {
+                let waited = now.since(since);
+                (waited > PATIENCE).then_some(waited.as_secs_f64())
+            }
+            _ => {
+                self.nearest = Some((ahead, now));
+                None
+            }
+        }
+    }
+
+    /// Begins anew: after a pause.
+    pub fn reset(&mut self) {
+        self.nearest = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn to_and_fro_is_no_progress() {
+        let mut progress = Progress::default();
+        for i in 0..100_u32 {
+            let ahead = 0.05 - 1e-3 * f64::from(i % 7);
+            let verdict = progress.update(Stamp::from_secs(f64::from(i)), ahead);
+            // The nearest point is met first at 6 s.
+            assert_eq!(verdict.is_some(), i > 66, "{i}: {verdict:?}");
+        }
+        progress.reset();
+        for i in 0..1000_u32 {
+            let ahead = 0.08 - 1e-5 * f64::from(i);
+            assert_eq!(progress.update(Stamp::from_secs(f64::from(i)), ahead), None);
+        }
+    }
+}

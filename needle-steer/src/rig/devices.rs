@@ -1,0 +1,183 @@
+//! What a run moves, sees and waits with: simulated, or over ROS.
+
+use std::time::Duration;
+
+use hal::frame::{ArmBase, NeedleBase, World};
+use hal::{Arm, Clock, Transform};
+use nalgebra::Isometry3;
+use phantom::camera::StereoRig;
+use phantom::{Bench, Draw, Plant, bench::Setup};
+use robots::kinematics::Chain;
+use robots::sim::{SimSettings, SimulatedArm};
+use robots::viper::{self, Emulator, emulator::EmulatorConfig};
+
+use super::{Eyes, RigBuildError};
+use crate::clock::{LockstepClock, PacedClock, WallClock, WallTime};
+use crate::config::{Backend, Config, PlantKind, SensorKind, ViperDialect};
+use crate::host;
+use crate::ros::Link;
+use crate::score::GroundTruth;
+use crate::twin::TwinPlant;
+use crate::world::{Body, SimulatedWorld};
+
+/// Ticks of the simulated world.
+pub(super) const TICK: Duration = Duration::from_millis(4);
+
+/// Where things stand.
+pub(super) struct Place {
+    pub(super) chain: Chain,
+    pub(super) world_from_arm_base: Transform<World, ArmBase>,
+    pub(super) start: Isometry3<f64>,
+    pub(super) joints: hal::Joints,
+    /// Cameras as they truly are; where only shapes are sensed, their frame.
+    pub(super) stereo: StereoRig,
+}
+
+/// What a run moves, sees and waits with.
+pub(super) struct Devices {
+    pub(super) clock: Box<dyn Clock>,
+    pub(super) arm: Box<dyn Arm>,
+    pub(super) eyes: Eyes,
+    pub(super) world: Option<Box<dyn GroundTruth>>,
+    pub(super) simulated_arm: Option<SimulatedArm>,
+}
+
+/// How the time of a simulated world passes.
+#[derive(Clone, Copy, Debug)]
+pub enum Pace {
+    /// As fast as it goes.
+    Free,
+    /// With the wall clock, or slower on a slow machine: the same run.
+    Paced(WallTime),
+    /// With the wall clock, whatever else waits.
+    Wall(WallTime),
+}
+
+impl Place {
+    pub(super) fn simulated(self, config: &Config, pace: Pace) -> Result<Devices, RigBuildError> {
+        let settings =
+            phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
+        let stereo_from_world = *self.stereo.stereo_from_world();
+        let setup = Setup {
+            world_from_phantom: config.world_from_entry(),
+            world_from_base: Transform::assume(self.start),
+            left_from_world: stereo_from_world,
+            seed: config.run.seed,
+        };
+        let bench = match config.run.plant {
+            PlantKind::Phantom => Bench::new(&settings, &setup)?,
+            PlantKind::Model => Bench::with_plant(&settings, &setup, |true_base| {
+                twin(config, &settings, true_base)
+            })?,
+        };
+        let images = config.run.sensor == SensorKind::Images;
+        let bench = if images {
+            bench.with_cameras(self.stereo)
+        } else {
+            bench
+        };
+        let (arm, body, time, simulated_arm) = arm(config, &self.chain, &self.joints)?;
+        let world = SimulatedWorld::new(
+            body,
+            self.chain,
+            self.world_from_arm_base,
+            bench,
+            stereo_from_world,
+        );
+        let moved = world.clone();
+        let advance = move |now| moved.advance_to(now);
+        let clock: Box<dyn Clock> = match time.map_or(pace, Pace::Wall) {
+            Pace::Free => Box::new(LockstepClock::new(TICK, advance)),
+            Pace::Paced(wall) => Box::new(PacedClock::new(LockstepClock::new(TICK, advance), wall)),
+            Pace::Wall(wall) => Box::new(WallClock::driving(wall, TICK, advance)),
+        };
+        Ok(Devices {
+            clock,
+            arm,
+            eyes: if images {
+                Eyes::Cameras(Box::new(world.cameras()))
+            } else {
+                Eyes::Shape(Box::new(world.shape_sensor()))
+            },
+            world: Some(Box::new(world)),
+            simulated_arm,
+        })
+    }
+
+    pub(super) fn over_ros(&self, config: &Config, link: &Link) -> Result<Devices, RigBuildError> {
+        let parts = link.devices(config, &self.chain)?;
+        Ok(Devices {
+            clock: parts.clock,
+            arm: parts.arm,
+            eyes: parts.eyes,
+            world: parts
+                .truth
+                .map(|truth| Box::new(truth) as Box<dyn GroundTruth>),
+            simulated_arm: None,
+        })
+    }
+}
+
+/// The controller's own model in the phantom's place.
+fn twin(
+    config: &Config,
+    settings: &phantom::Settings,
+    world_from_base: &Transform<World, NeedleBase>,
+) -> Result<Box<dyn Plant>, RigBuildError> {
+    let draw = Draw::new(settings, config.run.seed);
+    let nominal = settings.tip.cut_angle_deg.to_radians();
+    Ok(Box::new(TwinPlant::new(
+        config,
+        &draw,
+        nominal,
+        world_from_base,
+    )?))
+}
+
+/// An arm's driver, what moves in the simulated world, the wall's time where that counts, and the
+/// simulated arm if it is one.
+type ArmParts = (
+    Box<dyn Arm>,
+    Box<dyn Body>,
+    Option<WallTime>,
+    Option<SimulatedArm>,
+);
+
+fn arm(config: &Config, chain: &Chain, joints: &hal::Joints) -> Result<ArmParts, RigBuildError> {
+    match config.run.backend {
+        Backend::Sim => {
+            let arm = SimulatedArm::new(chain, joints, SimSettings::default())?;
+            Ok((
+                Box::new(arm.driver()),
+                Box::new(arm.clone()),
+                None,
+                Some(arm),
+            ))
+        }
+        Backend::Viper => {
+            let is_dry = config.run.dry_run || config.run.dry_run_air;
+            if !config.viper.emulate && !is_dry {
+                return Err(RigBuildError::NoSensor {
+                    host: config.viper.host.clone(),
+                });
+            }
+            if config.viper.dialect == ViperDialect::Adept2018 && !is_dry {
+                return Err(RigBuildError::PositioningOnly);
+            }
+            if !config.viper.emulate {
+                let time = WallTime::start();
+                // Checks alone show where the arm is, wherever it stands.
+                let start = config.run.dry_run_air.then_some(joints);
+                let (arm, body) = host::connect(config, chain, start, time)?;
+                return Ok((Box::new(arm), Box::new(body), Some(time), None));
+            }
+            let settings = host::settings(config);
+            let dialect = settings.dialect;
+            let core = viper::driver::Core::new(settings)?;
+            let emulator = Emulator::new(EmulatorConfig::viper(dialect, *joints));
+            let (arm, lockstep) = viper::lockstep::Lockstep::over_tcp(core, emulator)?;
+            Ok((Box::new(arm), Box::new(lockstep), None, None))
+        }
+        Backend::Ros => Err(RigBuildError::NoNode),
+    }
+}

@@ -1,0 +1,77 @@
+//! What sees the needle: a sensor of shapes, or cameras.
+
+use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame};
+
+/// What sees the needle.
+pub enum Eyes {
+    /// A sensor of needle shapes.
+    Shape(Box<dyn ShapeSensor>),
+    /// A stereo camera, in whose images the needle is tracked.
+    Cameras(Box<dyn StereoCamera>),
+}
+
+/// What the eyes saw since they were last asked.
+#[derive(Clone, Debug, Default)]
+pub enum Sighting {
+    /// Nothing new.
+    #[default]
+    Nothing,
+    /// The needle's shape.
+    Shape(SensedShape),
+    /// A pair of images.
+    Pair(StereoFrame),
+}
+
+impl Sighting {
+    /// Whether there is nothing new.
+    pub const fn is_none(&self) -> bool {
+        matches!(self, Self::Nothing)
+    }
+
+    /// The needle's shape, from a sensor of shapes.
+    pub const fn shape(&self) -> Option<&SensedShape> {
+        match self {
+            Self::Shape(shape) => Some(shape),
+            _ => None,
+        }
+    }
+
+    /// The pair of images.
+    pub const fn pair(&self) -> Option<&StereoFrame> {
+        match self {
+            Self::Pair(pair) => Some(pair),
+            _ => None,
+        }
+    }
+
+    /// When it was seen.
+    pub fn stamp(&self) -> Option<Stamp> {
+        match self {
+            Self::Nothing => None,
+            Self::Shape(shape) => Some(shape.stamp),
+            Self::Pair(pair) => Some(pair.left.stamp),
+        }
+    }
+}
+
+impl Eyes {
+    /// The newest sight.
+    ///
+    /// # Errors
+    /// The sensor is gone.
+    pub fn poll(&mut self) -> Result<Sighting, hal::Error> {
+        Ok(match self {
+            Self::Shape(sensor) => sensor.poll()?.map_or(Sighting::Nothing, Sighting::Shape),
+            Self::Cameras(cameras) => cameras.poll()?.map_or(Sighting::Nothing, Sighting::Pair),
+        })
+    }
+}
+
+impl core::fmt::Debug for Eyes {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Shape(_) => "Shape",
+            Self::Cameras(_) => "Cameras",
+        })
+    }
+}

@@ -1,0 +1,243 @@
+//! From a configuration to devices: clock, arm, sensor, and the world behind them.
+
+mod devices;
+mod eyes;
+mod start;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use hal::frame::{LeftCamera, World};
+use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
+use hal::{Arm, Clock, Recorded, Transform};
+use phantom::SettingsError;
+use phantom::camera::{CameraSettings, RigError, StereoRig};
+use robots::kinematics::UrdfError;
+use robots::sim::{SimError, SimulatedArm};
+use robots::viper;
+
+use crate::cameras;
+use crate::config::{Backend, Config, SensorKind};
+use crate::cycle::Bearings;
+use crate::host::HostError;
+use crate::ros::Link;
+use crate::score::GroundTruth;
+use crate::springs::SpringsError;
+pub use devices::Pace;
+use devices::{Devices, Place, TICK};
+pub use eyes::{Eyes, Sighting};
+use start::{arm_place, start_pose};
+pub use start::{bearings, chain};
+
+/// Distance that guarded joints keep from their limits \[rad\].
+const JOINT_MARGIN: f64 = 8.727e-3;
+/// Longest wait for an arm's first report.
+const CONNECT: Duration = Duration::from_secs(2);
+/// Events kept for the fault report.
+const EVENTS: usize = 256;
+
+/// A configuration that makes no rig.
+#[derive(Debug, thiserror::Error)]
+pub enum RigBuildError {
+    /// The URDF file cannot be read.
+    #[error("{}: cannot be read: {source}", file.display())]
+    UrdfFile {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The URDF gives no chain.
+    #[error("URDF: {0}")]
+    Urdf(#[from] UrdfError),
+    /// The arm cannot hold the needle at its start.
+    #[error("the arm cannot reach the start pose of the needle's base at {position_mm:?} mm")]
+    StartUnreachable {
+        /// The start \[mm\].
+        position_mm: [f64; 3],
+    },
+    /// The phantom's settings.
+    #[error("phantom: {0}")]
+    Phantom(#[from] SettingsError),
+    /// The cameras' settings.
+    #[error("cameras: {0}")]
+    Cameras(#[from] RigError),
+    /// The simulated arm's settings.
+    #[error("simulated arm: {0}")]
+    Sim(#[from] SimError),
+    /// The Viper driver's settings.
+    #[error("Viper driver: {0}")]
+    Viper(#[from] viper::driver::SetupError),
+    /// The Viper driver's or the emulated controller's threads and sockets.
+    #[error("Viper driver: {0}")]
+    ViperStart(#[from] viper::tcp::StartError),
+    /// The real controller.
+    #[error(transparent)]
+    Host(#[from] HostError),
+    /// Nothing sees the needle on a real arm.
+    #[error(
+        "viper.emulate = false: an insertion on the controller at {host} needs cameras, and run.sensor = \"shape\" is the phantom's; only dry runs go without"
+    )]
+    NoSensor {
+        /// Host of the controller.
+        host: String,
+    },
+    /// A controller's program that cannot insert.
+    #[error(
+        "viper.dialect = \"adept2018\": segments of that program cannot be stopped, so it inserts no needle"
+    )]
+    PositioningOnly,
+    /// The back end `ros` outside of a run.
+    #[error("the back end ros needs a ROS node: it works with `needle-steer run`")]
+    NoNode,
+    /// ROS.
+    #[error("ROS: {0}")]
+    Ros(#[from] rosbridge::NodeError),
+    /// The arm behind ROS topics.
+    #[error("arm over ROS: {0}")]
+    RosArm(#[from] rosbridge::arm::RosArmError),
+    /// The guard's limits.
+    #[error("guard: {0}")]
+    Guard(#[from] LimiterError),
+    /// The controller's model as the plant.
+    #[error("plant: {0}")]
+    Twin(#[from] SpringsError),
+    /// A device.
+    #[error(transparent)]
+    Device(#[from] hal::Error),
+}
+
+/// The devices of one run.
+pub struct Rig {
+    /// The run's clock.
+    pub clock: Box<dyn Clock>,
+    /// The arm, guarded and recorded.
+    pub arm: Recorded<Guarded<Box<dyn Arm>>>,
+    /// What sees the needle.
+    pub eyes: Eyes,
+    /// Geometry as calibration and registration know it.
+    pub bearings: Bearings,
+    /// The simulated world, where there is one.
+    pub world: Option<Box<dyn GroundTruth>>,
+    /// The simulated arm, where there is one, for faults.
+    pub simulated_arm: Option<SimulatedArm>,
+    /// Joints at the start pose of the configuration.
+    pub home: hal::Joints,
+    /// Number of the last command.
+    sequence: u64,
+}
+
+impl Rig {
+    /// Builds what `config` asks for.
+    ///
+    /// # Errors
+    /// See [`RigBuildError`].
+    pub fn new(config: &Config) -> Result<Self, RigBuildError> {
+        Self::build(config, None)
+    }
+
+    /// Builds what `config` asks for, on the time of a ROS node if there is one and, for the back
+    /// end `ros`, over its topics.
+    ///
+    /// # Errors
+    /// See [`RigBuildError`].
+    pub fn build(config: &Config, link: Option<&Link>) -> Result<Self, RigBuildError> {
+        match (config.run.backend, link) {
+            (Backend::Ros, Some(link)) => Self::assemble(config, |lab| lab.over_ros(config, link)),
+            (Backend::Ros, None) => Err(RigBuildError::NoNode),
+            (_, link) => {
+                let pace = link.map_or(Pace::Free, Link::pace);
+                Self::simulated(config, pace)
+            }
+        }
+    }
+
+    /// Builds a simulated world that `config` asks for, its time at `pace`.
+    ///
+    /// # Errors
+    /// See [`RigBuildError`].
+    pub fn simulated(config: &Config, pace: Pace) -> Result<Self, RigBuildError> {
+        Self::assemble(config, |lab| lab.simulated(config, pace))
+    }
+
+    fn assemble(
+        config: &Config,
+        devices: impl FnOnce(Place) -> Result<Devices, RigBuildError>,
+    ) -> Result<Self, RigBuildError> {
+        let chain = chain(config)?;
+        let world_from_arm_base = arm_place(config);
+        let (start, joints) = start_pose(config, &chain, &world_from_arm_base)?;
+        let images = config.run.sensor == SensorKind::Images;
+        let camera_settings = if images {
+            cameras::settings(config)?
+        } else {
+            CameraSettings::ideal()
+        };
+        let seed = config.run.seed;
+        let stereo = StereoRig::new(&camera_settings, &config.world_from_entry(), seed)?;
+        let registered = stereo.given().left_from_world;
+        let calibrated = images.then(|| cameras::calibrated(stereo.given()));
+        let devices = devices(Place {
+            chain: chain.clone(),
+            world_from_arm_base,
+            start,
+            joints,
+            stereo,
+        })?;
+        let period = devices.arm.description().period;
+        let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
+        let guard =
+            Guard::new(limiter).with_tool(Box::new(chain.clone()), None, SpeedCaps::INSERTING);
+        let mut rig = Self {
+            clock: devices.clock,
+            arm: Recorded::new(Guarded::new(devices.arm, guard)?, EVENTS),
+            eyes: devices.eyes,
+            bearings: Bearings {
+                chain,
+                world_from_arm_base,
+                world_from_left_camera: registered.inverse(),
+                cameras: calibrated,
+            },
+            world: devices.world,
+            simulated_arm: devices.simulated_arm,
+            home: joints,
+            sequence: 0,
+        };
+        rig.await_feedback()?;
+        Ok(rig)
+    }
+
+    /// The number of the next command; commands of one rig count on.
+    pub fn next_sequence(&mut self) -> u64 {
+        self.sequence += 1;
+        self.sequence
+    }
+
+    /// Waits until the arm reports; a simulated one does at once.
+    fn await_feedback(&mut self) -> Result<(), RigBuildError> {
+        let deadline = self.clock.now() + CONNECT;
+        loop {
+            match self.arm.state() {
+                Ok(_) => return Ok(()),
+                Err(error) if self.clock.now() >= deadline => return Err(error.into()),
+                Err(_) => {
+                    let next = self.clock.now() + TICK;
+                    self.clock.wait_until(next);
+                }
+            }
+        }
+    }
+
+    /// The stereo frame as registered.
+    pub fn left_from_world(&self) -> Transform<LeftCamera, World> {
+        self.bearings.world_from_left_camera.inverse()
+    }
+}
+
+impl core::fmt::Debug for Rig {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Rig")
+            .field("bearings", &self.bearings)
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,65 @@
+//! A sample of the no-divergence campaign, and the moving target: every step audited.
+
+use needle_steer::config;
+use needle_steer::experiments::in_parallel;
+use needle_steer::outcome::Ended;
+use needle_steer::robustness::{Case, breathing, carry_out};
+use needle_steer::run::simulate;
+
+/// Cases of the sample: 28 meet every law with every preset.
+const SAMPLE: u64 = 28;
+
+#[test]
+fn no_sampled_run_diverges_or_breaks_a_limit() {
+    // Far apart in the campaign, so that sensors and start values differ too.
+    let cases: Vec<Case> = (0..SAMPLE).map(|i| Case::new(36 * i % 1000)).collect();
+    let outcomes = in_parallel(&cases, 2, |case| {
+        carry_out(&case.config().unwrap()).unwrap()
+    });
+    for (case, outcome) in cases.iter().zip(&outcomes) {
+        assert!(
+            outcome.violations.is_empty(),
+            "case {} ({}): {}",
+            case.index,
+            case.overrides.join(" "),
+            outcome
+                .violations
+                .iter()
+                .map(ToString::to_string)
+                .collect::<Vec<_>>()
+                .join("; ")
+        );
+    }
+    // An audit that sees nothing would pass everything: most runs get to their targets.
+    let passed = outcomes
+        .iter()
+        .filter(|o| o.ended == Ended::TargetPassed)
+        .count();
+    assert!(passed >= usize::try_from(SAMPLE).unwrap() / 2, "{passed}");
+}
+
+#[test]
+fn an_audit_sees_a_broken_limit() {
+    let mut config = Case::new(6).config().unwrap();
+    let mut outcome = carry_out(&config).unwrap();
+    assert!(outcome.violations.is_empty(), "{:?}", outcome.violations);
+    // The same run in less time than it needs.
+    config.run.max_duration_s = 20.0;
+    outcome = carry_out(&config).unwrap();
+    assert_eq!(outcome.violations[0].kind, "no verdict in time");
+}
+
+/// A marker that breathing carries by 5 mm: the asked 0.5 mm median is kept by every single run.
+#[test]
+fn a_breathing_target_is_met() {
+    for (seed, ratio) in [(1000, 0.2), (1001, 0.5)] {
+        let mut overrides: Vec<String> = breathing().map(str::to_owned).to_vec();
+        overrides.push(format!("run.seed={seed}"));
+        // What the controller believes of the surface at first may be wrong.
+        overrides.push(format!("motion.surface_ratio={ratio}"));
+        let summary = simulate(&config::load(None, &overrides).unwrap()).unwrap();
+        assert_eq!(summary.ended, Ended::TargetPassed);
+        let error = summary.true_error_mm.unwrap();
+        assert!(error < 0.5, "seed {seed}: {error} mm");
+    }
+}

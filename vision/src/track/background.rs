@@ -1,0 +1,167 @@
+//! What a camera sees without the needle.
+//!
+//! Cameras and gel stand still, so bubbles, dirt and uneven light are learned and divided out.
+//! Where nothing was learned the background is even, and profiles bring their own base line.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
+
+use hal::GrayImage;
+use nalgebra::Vector2;
+
+/// Grey level of a background that was never seen.
+const UNSEEN: f32 = 200.0;
+/// Darker than this the background shows nothing \[grey\].
+const DARK: f32 = 24.0;
+/// Darker than this, relative to the background, may be a needle.
+const NO_NEEDLE: f32 = 0.8;
+/// Images after which a pixel's mean changes no more quickly.
+const MEMORY: u32 = 32;
+
+/// Mean image without the needle.
+#[derive(Clone, Debug)]
+pub(super) struct Background {
+    width: usize,
+    height: usize,
+    grey: Vec<f32>,
+    images: u32,
+}
+
+/// Cell and fractions of a bilinear interpolation.
+#[derive(Clone, Copy)]
+struct Cell {
+    index: usize,
+    x: f32,
+    y: f32,
+}
+
+impl Background {
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        Self {
+            width,
+            height,
+            grey: vec![UNSEEN; width * height],
+            images: 0,
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.grey.fill(UNSEEN);
+        self.images = 0;
+    }
+
+    pub(super) const fn images(&self) -> u32 {
+        self.images
+    }
+
+    /// Takes in a whole image without a needle.
+    pub(super) fn learn(&mut self, image: &GrayImage) {
+        let share = 1.0 / (self.images.min(MEMORY) + 1) as f32;
+        for (mean, grey) in self.grey.iter_mut().zip(image.pixels()) {
+            *mean += (f32::from(*grey) - *mean) * share;
+        }
+        self.images = self.images.saturating_add(1);
+    }
+
+    /// Takes in the pixels around `centre`, up to `half` away, where no needle is.
+    pub(super) fn refresh(&mut self, image: &GrayImage, centre: Vector2<f64>, half: f64) {
+        let clamp = |value: f64, most: usize| value.clamp(0.0, most as f64) as usize;
+        let (left, right) = (
+            clamp(centre.x - half, self.width),
+            clamp(centre.x + half, self.width),
+        );
+        for y in clamp(centre.y - half, self.height)..clamp(centre.y + half, self.height) {
+            let row = y * self.width;
+            let mean = self.grey.get_mut(row + left..row + right);
+            let seen = image.pixels().get(row + left..row + right);
+            for (mean, grey) in mean.into_iter().flatten().zip(seen.into_iter().flatten()) {
+                // Should the needle be there after all, it is not learned.
+                let grey = f32::from(*grey);
+                if grey > NO_NEEDLE * *mean {
+                    *mean += (grey - *mean) / 12.0;
+                }
+            }
+        }
+    }
+
+    /// Paints the needle out of what was learned: on the line from `from` to `to`, grey levels
+    /// run evenly from one end to the other.
+    pub(super) fn paint_out(&mut self, from: Vector2<f64>, to: Vector2<f64>) {
+        let (Some(a), Some(b)) = (self.at(from), self.at(to)) else {
+            return;
+        };
+        let steps = (to - from).norm().ceil().max(1.0) * 2.0;
+        let mut step = 0.0;
+        while step <= steps {
+            let share = step / steps;
+            let p = from + (to - from) * share;
+            let (x, y) = (p.x.round(), p.y.round());
+            if x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64 {
+                let index = y as usize * self.width + x as usize;
+                if let Some(grey) = self.grey.get_mut(index) {
+                    *grey = a + (b - a) * share as f32;
+                }
+            }
+            step += 1.0;
+        }
+    }
+
+    fn cell(&self, p: Vector2<f64>) -> Option<Cell> {
+        let inside = p.x >= 0.0
+            && p.y >= 0.0
+            && p.x < (self.width - 1) as f64
+            && p.y < (self.height - 1) as f64;
+        if !inside {
+            return None;
+        }
+        let (x, y) = (p.x as usize, p.y as usize);
+        Some(Cell {
+            index: y * self.width + x,
+            x: (p.x - x as f64) as f32,
+            y: (p.y - y as f64) as f32,
+        })
+    }
+
+    fn at(&self, p: Vector2<f64>) -> Option<f32> {
+        let cell = self.cell(p)?;
+        self.mean(cell)
+    }
+
+    #[inline]
+    fn mean(&self, cell: Cell) -> Option<f32> {
+        let top = self.grey.get(cell.index..cell.index + 2)?;
+        let below = self
+            .grey
+            .get(cell.index + self.width..cell.index + self.width + 2)?;
+        Some(cell.blend(top[0], top[1], below[0], below[1]))
+    }
+
+    /// Brightness of the image at `p` relative to the background; `None` outside the image and
+    /// where the background is dark.
+    #[inline]
+    pub(super) fn brightness(&self, image: &GrayImage, p: Vector2<f64>) -> Option<f32> {
+        let cell = self.cell(p)?;
+        let pixels = image.pixels();
+        let top = pixels.get(cell.index..cell.index + 2)?;
+        let below = pixels.get(cell.index + self.width..cell.index + self.width + 2)?;
+        let grey = cell.blend(
+            f32::from(top[0]),
+            f32::from(top[1]),
+            f32::from(below[0]),
+            f32::from(below[1]),
+        );
+        let mean = self.mean(cell)?;
+        (mean > DARK).then_some(grey / mean)
+    }
+}
+
+impl Cell {
+    #[inline]
+    fn blend(self, a: f32, b: f32, c: f32, d: f32) -> f32 {
+        let top = a + (b - a) * self.x;
+        let below = c + (d - c) * self.x;
+        top + (below - top) * self.y
+    }
+}

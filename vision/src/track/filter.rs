@@ -1,0 +1,263 @@
+//! The Kalman filter over a curve's control points and the speed of the tip.
+
+use nalgebra::{SMatrix, SVector, Vector2};
+
+use super::curve::{Curve2, MOST, Weights, slopes, weights};
+
+/// Control points, then the tip's speed. Points beyond the curve's own are idle: unit variance,
+/// coupled to nothing.
+const STATES: usize = 2 * MOST + 1;
+const SPEED: usize = 2 * MOST;
+
+type State = SVector<f64, STATES>;
+type Covariance = SMatrix<f64, STATES, STATES>;
+
+/// Curve, tip speed and their covariance.
+#[derive(Clone, Debug)]
+pub(super) struct CurveFilter {
+    count: usize,
+    state: State,
+    covariance: Covariance,
+    /// Information form during an update.
+    information: Covariance,
+    pull: State,
+}
+
+/// What is known of a curve's change between two images.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Change {
+    /// Time since \[s\].
+    pub dt: f64,
+    /// Parameter at which the new curve starts on the old one.
+    pub start: f64,
+    /// Advance of the tip along the curve by odometry \[px\], with its standard deviation.
+    pub advance: Option<(f64, f64)>,
+    /// Displacement of each control point by the base's motion \[px\].
+    pub shifts: [Vector2<f64>; MOST],
+    /// Unexplained change \[px\].
+    pub walk: f64,
+}
+
+/// A measured displacement along a line through the curve.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Offset {
+    /// Parameter of the point on the predicted curve.
+    pub weights: Weights,
+    /// Unit direction of the line.
+    pub direction: Vector2<f64>,
+    /// Measured displacement from the predicted curve \[px\].
+    pub value: f64,
+    /// Variance of the measurement \[px2\].
+    pub variance: f64,
+}
+
+impl CurveFilter {
+    /// A curve known up to smooth deformations: shifts of its ends by `loose` \[px\], bends in
+    /// proportion to its length.
+    pub(super) fn new(curve: &Curve2, loose: f64) -> Self {
+        let count = curve.control_points().len();
+        let mut state = State::zeros();
+        for (i, p) in curve.control_points().iter().enumerate() {
+            state.fixed_rows_mut::<2>(2 * i).copy_from(p);
+        }
+        let mut covariance = Covariance::identity();
+        covariance
+            .view_mut((0, 0), (2 * count, 2 * count))
+            .fill(0.0);
+        covariance[(SPEED, SPEED)] = 20_f64.powi(2);
+        let mut filter = Self {
+            count,
+            state,
+            covariance,
+            information: Covariance::zeros(),
+            pull: State::zeros(),
+        };
+        let length = curve.length();
+        filter.loosen(&[
+            loose,
+            loose,
+            0.02 * length,
+            0.01 * length,
+            0.003 * length,
+            0.003 * length,
+        ]);
+        filter
+    }
+
+    /// Adds smooth lateral and longitudinal change: one standard deviation for each power of
+    /// the parameter (about the curve's middle).
+    fn loosen(&mut self, sigmas: &[f64; MOST]) {
+        let last = (self.count - 1) as f64;
+        for (power, sigma) in sigmas.iter().enumerate().take(self.count) {
+            let mode = |i: usize| {
+                let place = 2.0 * i as f64 / last - 1.0;
+                (0..power).fold(1.0, |product, _| product * place)
+            };
+            for i in 0..self.count {
+                for j in 0..self.count {
+                    let term = sigma * sigma * mode(i) * mode(j);
+                    self.covariance[(2 * i, 2 * j)] += term;
+                    self.covariance[(2 * i + 1, 2 * j + 1)] += term;
+                }
+            }
+        }
+    }
+
+    /// The curve as estimated.
+    pub(super) fn curve(&self) -> Curve2 {
+        let mut points = [Vector2::zeros(); MOST];
+        for (i, point) in points.iter_mut().enumerate() {
+            *point = self.state.fixed_rows::<2>(2 * i).into_owned();
+        }
+        Curve2::new(self.count, points)
+    }
+
+    /// Speed of the tip along the curve \[px/s\].
+    pub(super) fn speed(&self) -> f64 {
+        self.state[SPEED]
+    }
+
+    /// Carries the state on to the next image: the curve grows at its tip, starts where it now
+    /// comes into sight, moves with the base and walks.
+    pub(super) fn predict(&mut self, change: &Change) {
+        let before = self.curve();
+        let length = before.derivative(1.0).norm().max(1.0);
+        if let (Some((advance, sigma)), true) = (change.advance, change.dt > 0.0) {
+            self.state[SPEED] = advance / change.dt;
+            self.covariance
+                .fixed_view_mut::<1, STATES>(SPEED, 0)
+                .fill(0.0);
+            self.covariance
+                .fixed_view_mut::<STATES, 1>(0, SPEED)
+                .fill(0.0);
+            self.covariance[(SPEED, SPEED)] = (sigma / change.dt).powi(2);
+        }
+        let growth = self.state[SPEED] * change.dt / length;
+        let span = 1.0 + growth - change.start;
+        let mut transition = Covariance::identity();
+        let mut next = self.state;
+        for i in 0..self.count {
+            let share = i as f64 / (self.count - 1) as f64;
+            let t = change.start + span * share;
+            let row = weights(self.count, t);
+            let outgrown = before.sum(&slopes(self.count, t)) * share * change.dt / length;
+            let moved = before.sum(&row) + change.shifts[i];
+            for axis in 0..2 {
+                next[2 * i + axis] = moved[axis];
+                for (j, weight) in row.iter().enumerate().take(self.count) {
+                    transition[(2 * i + axis, 2 * j + axis)] = *weight;
+                }
+                transition[(2 * i + axis, SPEED)] = outgrown[axis];
+            }
+        }
+        self.covariance = transition * self.covariance * transition.transpose();
+        self.state = next;
+        let walk = change.walk;
+        self.loosen(&[walk, walk, 0.5 * walk, 0.3 * walk, 0.2 * walk, 0.2 * walk]);
+        for i in 0..self.count {
+            // Part of the base's motion that the fading towards the tip gets wrong.
+            let doubt = 0.2 * change.shifts[i].norm_squared();
+            self.covariance[(2 * i, 2 * i)] += doubt;
+            self.covariance[(2 * i + 1, 2 * i + 1)] += doubt;
+        }
+        // The insertion speed changes by some px/s within a second.
+        self.covariance[(SPEED, SPEED)] += 25.0 * change.dt;
+    }
+
+    /// Variance of the curve at `weights` along `direction` \[px2\].
+    pub(super) fn variance(&self, weights: &Weights, direction: &Vector2<f64>) -> f64 {
+        self.covariance_of(weights, direction, weights, direction)
+    }
+
+    /// Covariance of two points of the curve, each along its own direction \[px2\].
+    pub(super) fn covariance_of(
+        &self,
+        weights: &Weights,
+        direction: &Vector2<f64>,
+        other_weights: &Weights,
+        other_direction: &Vector2<f64>,
+    ) -> f64 {
+        let mut sum = 0.0;
+        for i in 0..self.count {
+            for j in 0..self.count {
+                let block = self.covariance.fixed_view::<2, 2>(2 * i, 2 * j);
+                sum += weights[i] * other_weights[j] * direction.dot(&(block * other_direction));
+            }
+        }
+        sum
+    }
+
+    /// Starts an update from independent measurements.
+    pub(super) fn begin(&mut self) -> bool {
+        let Some(cholesky) = self.covariance.cholesky() else {
+            return false;
+        };
+        self.information = cholesky.inverse();
+        self.pull = State::zeros();
+        true
+    }
+
+    /// Adds measurements, each weighted, to `base` (of [`Self::begin`]) and solves; answers the
+    /// change of the state. The filter itself stays as it is.
+    pub(super) fn solve(&self, offsets: &[Offset], shares: &[f64]) -> Option<(State, Covariance)> {
+        // Of the symmetric sum the lower half is filled, which is what is factored.
+        let mut information = self.information;
+        let mut pull = self.pull;
+        for (offset, share) in offsets.iter().zip(shares) {
+            if *share <= 0.0 {
+                continue;
+            }
+            let weight = share / offset.variance;
+            let mut row = [0.0; 2 * MOST];
+            for i in 0..self.count {
+                row[2 * i] = offset.weights[i] * offset.direction.x;
+                row[2 * i + 1] = offset.weights[i] * offset.direction.y;
+            }
+            let used = 2 * self.count;
+            for a in 0..used {
+                let wa = weight * row[a];
+                pull[a] += wa * offset.value;
+                for b in 0..=a {
+                    information[(a, b)] += wa * row[b];
+                }
+            }
+        }
+        let cholesky = nalgebra::Cholesky::new(information)?;
+        let covariance = cholesky.inverse();
+        Some((covariance * pull, covariance))
+    }
+
+    /// Takes a solution over.
+    pub(super) fn accept(&mut self, (change, covariance): (State, Covariance)) {
+        self.state += change;
+        self.covariance = 0.5 * (covariance + covariance.transpose());
+    }
+
+    /// One scalar measurement.
+    pub(super) fn update(&mut self, offset: &Offset) {
+        let mut row = State::zeros();
+        for i in 0..self.count {
+            row[2 * i] = offset.weights[i] * offset.direction.x;
+            row[2 * i + 1] = offset.weights[i] * offset.direction.y;
+        }
+        let cross = self.covariance * row;
+        let gain = cross / (row.dot(&cross) + offset.variance);
+        self.state += gain * offset.value;
+        self.covariance -= gain * cross.transpose();
+        self.covariance = 0.5 * (self.covariance + self.covariance.transpose());
+    }
+
+    /// Forgets where along its axis the tip is, up to `sigma` \[px\].
+    pub(super) fn free_tip(&mut self, sigma: f64) {
+        let curve = self.curve();
+        let mut outward = State::zeros();
+        for i in 0..self.count {
+            let share = i as f64 / (self.count - 1) as f64;
+            let tangent = curve.derivative(share) / curve.derivative(1.0).norm();
+            outward
+                .fixed_rows_mut::<2>(2 * i)
+                .copy_from(&(tangent * share * sigma));
+        }
+        self.covariance += outward * outward.transpose();
+    }
+}

@@ -1,0 +1,229 @@
+//! The needle in one line across it: where its middle is and how well that is known.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
+
+use hal::GrayImage;
+use nalgebra::Vector2;
+
+use super::background::Background;
+
+/// Samples on either side of a line's middle, at most.
+const REACH: usize = 40;
+/// Samples at both ends that show the background.
+const ENDS: usize = 3;
+/// Least relative darkness of a needle.
+const FAINT: f32 = 0.06;
+
+/// Where a line across the needle meets it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Section {
+    /// Middle of the needle along the line \[px\].
+    pub offset: f64,
+    /// Standard deviation of the middle by noise \[px\].
+    pub sigma: f64,
+    /// Darkness of the needle relative to the background.
+    pub contrast: f64,
+    /// Scatter of the brightness beside the needle.
+    pub noise: f64,
+}
+
+/// What a line across the needle is expected to meet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Expected {
+    /// Width of the needle \[px\].
+    pub width: f64,
+    /// How far from the prediction it may be \[px\].
+    pub reach: f64,
+    /// Usual contrast; 0 while unknown.
+    pub contrast: f64,
+    /// Noise of the relative brightness.
+    pub noise: f64,
+}
+
+/// Relative darkness along a line, its own ends being the background.
+struct Profile {
+    darkness: [f32; 2 * REACH + 1],
+    count: usize,
+    /// Scatter of the samples that show the background.
+    scatter: f32,
+}
+
+fn profile(
+    image: &GrayImage,
+    background: &Background,
+    origin: Vector2<f64>,
+    direction: Vector2<f64>,
+    reach: usize,
+) -> Option<Profile> {
+    let count = 2 * reach + 1;
+    let mut profile = Profile {
+        darkness: [0.0; 2 * REACH + 1],
+        count,
+        scatter: 0.0,
+    };
+    let samples = profile.darkness.get_mut(..count)?;
+    for (k, sample) in samples.iter_mut().enumerate() {
+        let at = origin + direction * (k as f64 - reach as f64);
+        *sample = background.brightness(image, at)?;
+    }
+    let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
+    let (first, last) = (mean(&samples[..ENDS]), mean(&samples[count - ENDS..]));
+    // The ends' own middles are ENDS - 1 samples inside the line.
+    let slope = (last - first) / (count - ENDS) as f32;
+    let start = first - slope * 0.5 * (ENDS - 1) as f32;
+    let mut squares = 0.0;
+    for (k, sample) in samples.iter_mut().enumerate() {
+        *sample = start + slope * k as f32 - *sample;
+        if k < ENDS || k >= count - ENDS {
+            squares += *sample * *sample;
+        }
+    }
+    // Two of the six are used up by the line through the ends.
+    profile.scatter = (squares / (2 * ENDS - 2) as f32).sqrt();
+    Some(profile)
+}
+
+/// Finds the needle on the line through `origin` along `direction` (unit).
+pub(super) fn cross(
+    image: &GrayImage,
+    background: &Background,
+    origin: Vector2<f64>,
+    direction: Vector2<f64>,
+    expected: &Expected,
+) -> Option<Section> {
+    let half = 0.5 * expected.width;
+    let reach = ((expected.reach + half).ceil() as usize + 1 + ENDS).min(REACH);
+    let profile = profile(image, background, origin, direction, reach)?;
+    let darkness = profile.darkness.get(..profile.count)?;
+    let middle = peak(darkness, expected.width.round().max(1.0) as usize, reach)?;
+    let inner = (0.3 * expected.width).max(0.5);
+    let top = highest(darkness, middle, half);
+    let enough = FAINT
+        .max(4.0 * expected.noise as f32)
+        .max(0.35 * expected.contrast as f32);
+    if top < enough {
+        return None;
+    }
+    let level = 0.5 * top;
+    let right = crossing(darkness, middle + inner, 1.0, level)?;
+    let left = crossing(darkness, middle - inner, -1.0, level)?;
+    let width = right.at - left.at;
+    if (width - expected.width).abs() > 0.35 * expected.width + 0.6 {
+        return None;
+    }
+    let steepness = f64::from(right.slope.min(left.slope));
+    if steepness < 1e-3 {
+        return None;
+    }
+    let noise = f64::from(profile.scatter)
+        .min(3.0 * expected.noise)
+        .max(expected.noise);
+    Some(Section {
+        offset: 0.5 * (left.at + right.at) - reach as f64,
+        sigma: noise / steepness * core::f64::consts::FRAC_1_SQRT_2,
+        contrast: f64::from(top),
+        noise: f64::from(profile.scatter),
+    })
+}
+
+/// Middle of the window of `width` samples that is darkest, near ones first: of all windows
+/// nearly as dark as the darkest, the one nearest to the line's middle.
+fn peak(darkness: &[f32], width: usize, reach: usize) -> Option<f64> {
+    let sums = |k: usize| {
+        darkness
+            .get(k..k + width)
+            .map_or(0.0, |w| w.iter().sum::<f32>())
+    };
+    let last = darkness.len().checked_sub(width + 1)?;
+    let most = (1..last).map(sums).fold(0.0, f32::max);
+    let offset = 0.5 * (width - 1) as f64;
+    (1..last)
+        .filter(|k| {
+            let here = sums(*k);
+            here > 0.7 * most && here >= sums(k - 1) && here >= sums(k + 1)
+        })
+        .map(|k| k as f64 + offset)
+        .min_by(|a, b| {
+            (a - reach as f64)
+                .abs()
+                .total_cmp(&(b - reach as f64).abs())
+        })
+}
+
+/// Darkest sample within `half` of `middle`.
+fn highest(darkness: &[f32], middle: f64, half: f64) -> f32 {
+    let from = (middle - half).max(0.0).floor() as usize;
+    let to = ((middle + half).ceil() as usize + 1).min(darkness.len());
+    darkness
+        .get(from..to)
+        .unwrap_or_default()
+        .iter()
+        .copied()
+        .fold(0.0, f32::max)
+}
+
+struct Crossing {
+    at: f64,
+    slope: f32,
+}
+
+/// Where the darkness falls below `level`, going from `start` in the sense of `step`.
+fn crossing(darkness: &[f32], start: f64, step: f64, level: f32) -> Option<Crossing> {
+    let mut k = start.round();
+    loop {
+        let next = k + step;
+        if k < 0.0 || next < 0.0 {
+            return None;
+        }
+        let (here, there) = (*darkness.get(k as usize)?, *darkness.get(next as usize)?);
+        if there < level {
+            if here < level {
+                // Began outside the dark part: no needle of this width here.
+                return None;
+            }
+            let slope = here - there;
+            return Some(Crossing {
+                at: k + step * f64::from((here - level) / slope),
+                slope,
+            });
+        }
+        k = next;
+    }
+}
+
+/// Darkness summed over the needle's width and a margin, on the line through `origin` along
+/// `direction`, the background being `even`.
+pub(super) fn mass(
+    image: &GrayImage,
+    background: &Background,
+    origin: Vector2<f64>,
+    direction: Vector2<f64>,
+    reach: usize,
+    even: f64,
+) -> Option<f64> {
+    let mut sum = 0.0;
+    for k in 0..=2 * reach {
+        let at = origin + direction * (k as f64 - reach as f64);
+        sum += even - f64::from(background.brightness(image, at)?);
+    }
+    Some(sum)
+}
+
+/// Brightness of the background beside the needle: the mean at `distance` on both sides.
+pub(super) fn beside(
+    image: &GrayImage,
+    background: &Background,
+    origin: Vector2<f64>,
+    direction: Vector2<f64>,
+    distance: f64,
+) -> Option<f64> {
+    let sides = [distance, distance + 1.0, -distance, -distance - 1.0];
+    let mut sum = 0.0;
+    for side in sides {
+        sum += f64::from(background.brightness(image, origin + direction * side)?);
+    }
+    Some(sum / sides.len() as f64)
+}

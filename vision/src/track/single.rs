@@ -1,0 +1,353 @@
+//! Tracking in one image.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "coordinates of pixels, checked against the image"
+)]
+
+mod begin;
+
+use hal::GrayImage;
+use nalgebra::Vector2;
+
+use super::background::Background;
+use super::curve::{Curve2, weights};
+use super::filter::{Change, CurveFilter, Offset};
+use super::section::{Expected, Section, cross};
+use super::settings::TrackSettings;
+use super::tip::{self, TipSearch};
+
+/// Normals that must agree, as a share of all and at least.
+const SURVIVORS: (f64, usize) = (0.35, 8);
+/// Gate of an innovation, in standard deviations (99.9 %).
+const GATE: f64 = 3.3;
+/// Misfit of the tip's silhouette above which it is no tip.
+const MISFIT: f64 = 0.14;
+/// Images that are averaged to a background while no needle is in sight.
+const LEARNED: u32 = 16;
+
+/// What is wrong with the needle in one image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flaw {
+    /// Too few normals agree on a shaft.
+    Shaft,
+    /// No tip fits near the predicted one.
+    Tip,
+}
+
+/// How the needle appears in one image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Look {
+    /// Width of the shaft \[px\].
+    pub width: f64,
+    /// Length of the bevel \[px\].
+    pub bevel_px: f64,
+    /// See [`super::silhouette::TipView::side`].
+    pub side: Option<f64>,
+    /// See [`super::silhouette::TipView::rim_px`].
+    pub rim_px: f64,
+}
+
+/// Tracker of one camera.
+#[derive(Clone, Debug)]
+pub(super) struct ImageTracker {
+    settings: TrackSettings,
+    /// Pixels for one pixel of an image 640 wide.
+    scale: f64,
+    background: Background,
+    filter: Option<CurveFilter>,
+    noise: f64,
+    contrast: f64,
+    offsets: Vec<Offset>,
+    shares: Vec<f64>,
+    sorted: Vec<f64>,
+    /// An innovation beyond the gate: the next image decides whether the tip jumped there.
+    jumped: Option<Vector2<f64>>,
+    /// Where the needle comes into sight, and its direction there.
+    gate: (Vector2<f64>, Vector2<f64>),
+    bad: u32,
+}
+
+impl ImageTracker {
+    pub(super) fn new(width: usize, height: usize, settings: &TrackSettings) -> Self {
+        let capacity = settings.normals;
+        Self {
+            settings: settings.clone(),
+            scale: width as f64 / 640.0,
+            background: Background::new(width, height),
+            filter: None,
+            noise: 0.01,
+            contrast: 0.0,
+            offsets: Vec::with_capacity(capacity),
+            shares: Vec::with_capacity(capacity),
+            sorted: Vec::with_capacity(capacity),
+            jumped: None,
+            gate: (Vector2::zeros(), Vector2::x()),
+            bad: 0,
+        }
+    }
+
+    /// Forgets the needle; the background stays.
+    pub(super) fn drop_needle(&mut self) {
+        self.filter = None;
+        self.jumped = None;
+        self.bad = 0;
+    }
+
+    /// Forgets everything.
+    pub(super) fn reset(&mut self) {
+        self.drop_needle();
+        self.background.clear();
+        self.contrast = 0.0;
+        self.noise = 0.01;
+    }
+
+    pub(super) fn filter(&self) -> Option<&CurveFilter> {
+        self.filter.as_ref()
+    }
+
+    pub(super) fn background(&self) -> &Background {
+        &self.background
+    }
+
+    /// Pixels for one pixel of an image 640 wide.
+    pub(super) const fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// An image in which no needle is: part of the background.
+    pub(super) fn learn(&mut self, image: &GrayImage) {
+        if self.background.images() < LEARNED {
+            self.background.learn(image);
+        }
+    }
+
+    /// Carries the curve on without an image.
+    pub(super) fn coast(&mut self, change: &Change) {
+        let start = self.start_parameter();
+        if let Some(filter) = &mut self.filter {
+            filter.predict(&Change { start, ..*change });
+        }
+        self.bad += 1;
+    }
+
+    /// Where the curve passes the place at which the needle comes into sight.
+    fn start_parameter(&self) -> f64 {
+        let Some(curve) = self.filter.as_ref().map(CurveFilter::curve) else {
+            return 0.0;
+        };
+        let (place, direction) = self.gate;
+        let speed = curve.derivative(0.0).dot(&direction);
+        if speed < 1.0 {
+            return 0.0;
+        }
+        ((place - curve.at(0.0)).dot(&direction) / speed).clamp(-0.2, 0.2)
+    }
+
+    /// Takes one image in.
+    pub(super) fn follow(
+        &mut self,
+        image: &GrayImage,
+        change: &Change,
+        look: &Look,
+    ) -> Result<(), Flaw> {
+        let start = self.start_parameter();
+        let Some(mut filter) = self.filter.take() else {
+            return Err(Flaw::Shaft);
+        };
+        filter.predict(&Change { start, ..*change });
+        let shaft = self.shaft(image, &mut filter, look);
+        let tip = match shaft {
+            Ok(()) => self.tip(image, &mut filter, look),
+            Err(flaw) => Err(flaw),
+        };
+        if tip.is_ok() {
+            self.refresh(image, &filter.curve(), look);
+            self.bad = 0;
+        } else {
+            self.bad += 1;
+        }
+        self.filter = Some(filter);
+        tip
+    }
+
+    /// Measures the shaft along its normals and updates the filter robustly.
+    fn shaft(
+        &mut self,
+        image: &GrayImage,
+        filter: &mut CurveFilter,
+        look: &Look,
+    ) -> Result<(), Flaw> {
+        let curve = filter.curve();
+        let search = self.settings.search_px * self.scale;
+        let (mut contrast, mut noise) = (0.0, 0.0);
+        self.offsets.clear();
+        let wanted = self.settings.normals;
+        let ends = look.width / curve.derivative(1.0).norm().max(1.0);
+        for k in 0..wanted {
+            let t = (k as f64 + 0.5) / wanted as f64 * (1.0 - ends);
+            let row = weights(self.settings.control_points, t);
+            let tangent = curve.derivative(t).normalize();
+            let direction = Vector2::new(-tangent.y, tangent.x);
+            let doubt = filter.variance(&row, &direction);
+            let expected = Expected {
+                width: look.width,
+                reach: (4.0 * doubt.sqrt() + 2.0 * self.scale).clamp(3.0, search),
+                contrast: self.contrast,
+                noise: self.noise,
+            };
+            let section = cross(
+                image,
+                &self.background,
+                curve.sum(&row),
+                direction,
+                &expected,
+            );
+            let Some(Section {
+                offset,
+                sigma,
+                contrast: dark,
+                noise: scatter,
+            }) = section
+            else {
+                continue;
+            };
+            contrast += dark;
+            noise += scatter;
+            let floor = self.settings.normal_floor_px;
+            self.offsets.push(Offset {
+                weights: row,
+                direction,
+                value: offset,
+                variance: sigma * sigma + floor * floor,
+            });
+        }
+        let enough = ((SURVIVORS.0 * wanted as f64) as usize).max(SURVIVORS.1);
+        if self.offsets.len() < enough {
+            return Err(Flaw::Shaft);
+        }
+        let contrast = contrast / self.offsets.len() as f64;
+        let solution = self.robust(filter).ok_or(Flaw::Shaft)?;
+        let survivors = self.shares.iter().filter(|share| **share > 0.2).count();
+        if survivors < enough {
+            return Err(Flaw::Shaft);
+        }
+        filter.accept(solution);
+        let noise = noise / self.offsets.len() as f64;
+        self.noise = (self.noise + 0.1 * (noise - self.noise)).clamp(0.002, 0.1);
+        self.contrast += (contrast - self.contrast) * if self.contrast > 0.0 { 0.1 } else { 1.0 };
+        Ok(())
+    }
+
+    /// Tukey's weights, from a scale found in the residuals themselves.
+    fn robust(
+        &mut self,
+        filter: &mut CurveFilter,
+    ) -> Option<(nalgebra::SVector<f64, 13>, nalgebra::SMatrix<f64, 13, 13>)> {
+        /// Tukey's constant, for 95 % efficiency on Gaussian noise.
+        const TUKEY: f64 = 4.685;
+        if !filter.begin() {
+            return None;
+        }
+        self.shares.clear();
+        self.shares.resize(self.offsets.len(), 1.0);
+        let mut solution = filter.solve(&self.offsets, &self.shares)?;
+        for _ in 0..3 {
+            self.sorted.clear();
+            for offset in &self.offsets {
+                self.sorted.push(residual(offset, &solution.0).abs());
+            }
+            let middle = self.sorted.len() / 2;
+            let (_, median, _) = self.sorted.select_nth_unstable_by(middle, f64::total_cmp);
+            let scale = (1.4826 * *median).max(1.0);
+            for (share, offset) in self.shares.iter_mut().zip(&self.offsets) {
+                let x = residual(offset, &solution.0) / (TUKEY * scale);
+                *share = if x.abs() < 1.0 {
+                    (1.0 - x * x).powi(2)
+                } else {
+                    0.0
+                };
+                // Residuals larger than their stated noise say that it is larger.
+                *share /= scale * scale;
+            }
+            solution = filter.solve(&self.offsets, &self.shares)?;
+            for share in &mut self.shares {
+                *share *= scale * scale;
+            }
+        }
+        Some(solution)
+    }
+
+    /// Finds the tip and updates the filter.
+    fn tip(
+        &mut self,
+        image: &GrayImage,
+        filter: &mut CurveFilter,
+        look: &Look,
+    ) -> Result<(), Flaw> {
+        let curve = filter.curve();
+        let end = weights(self.settings.control_points, 1.0);
+        let tangent = curve.derivative(1.0).normalize();
+        let doubt = filter.variance(&end, &tangent);
+        let near =
+            (4.0 * doubt.sqrt() + 1.5 * self.scale).min(self.settings.search_px * self.scale);
+        let wide = self.settings.search_px * self.scale;
+        let seek = |reach: f64| {
+            let search = TipSearch {
+                width: look.width,
+                reach,
+                bevel_px: look.bevel_px,
+                side: look.side,
+                rim_px: look.rim_px,
+                blur: self.settings.blur_px * self.scale,
+            };
+            tip::find(image, &self.background, &curve, &search).filter(|fix| fix.misfit < MISFIT)
+        };
+        let fix = if self.bad == 0 { seek(near) } else { None };
+        let fix = fix.or_else(|| seek(wide)).ok_or(Flaw::Tip)?;
+        let floor = self.settings.tip_floor_px * self.scale.max(1.0);
+        let offset = Offset {
+            weights: end,
+            direction: tangent,
+            value: fix.shift,
+            variance: fix.sigma * fix.sigma + floor * floor,
+        };
+        let place = curve.tip() + tangent * fix.shift;
+        if fix.shift.abs() > GATE * (doubt + offset.variance).sqrt() {
+            // Where two images agree the tip has jumped, or stopped.
+            let again = self
+                .jumped
+                .is_some_and(|before| (before - place).norm() < 2.0 * self.scale);
+            self.jumped = Some(place);
+            if !again {
+                return Err(Flaw::Tip);
+            }
+            filter.free_tip(fix.shift.abs());
+        }
+        filter.update(&offset);
+        self.jumped = None;
+        Ok(())
+    }
+
+    /// Learns the background ahead of the tip, where the needle will be.
+    fn refresh(&mut self, image: &GrayImage, curve: &Curve2, look: &Look) {
+        let half = 10.0 * self.scale;
+        let ahead = look.bevel_px + 2.0 * look.width + half;
+        let tangent = curve.derivative(1.0).normalize();
+        self.background
+            .refresh(image, curve.tip() + tangent * ahead, half);
+    }
+}
+
+/// Residual of a measurement after a change of the state, in standard deviations.
+fn residual(offset: &Offset, change: &nalgebra::SVector<f64, 13>) -> f64 {
+    let moved = offset
+        .weights
+        .iter()
+        .enumerate()
+        .fold(0.0, |sum, (i, weight)| {
+            sum + weight
+                * (offset.direction.x * change[2 * i] + offset.direction.y * change[2 * i + 1])
+        });
+    (offset.value - moved) / offset.variance.sqrt()
+}
