@@ -1,11 +1,15 @@
-//! The simulated cameras of a configuration, and what the controller is told about them.
+//! The cameras of a configuration, and what the controller is told about them.
+
+use std::path::Path;
 
 use hal::Transform;
-use hal::frame::{LeftCamera, RightCamera};
+use hal::frame::{LeftCamera, RightCamera, World};
 use nalgebra::Isometry3;
 use phantom::camera::{self as truth, CameraSettings, RigParameters};
 use vision::StereoRig;
 use vision::camera::{Camera, Container, Distortion, FlatWindow};
+use vision::files::{FileError, read_stereo};
+use vision::register::read_registration;
 
 use crate::config::Config;
 
@@ -22,6 +26,22 @@ pub fn settings(config: &Config) -> Result<CameraSettings, phantom::SettingsErro
         preset.at_1280()
     };
     sized.overridden(config.cameras.simulated.clone())
+}
+
+/// Calibration and registration of real cameras, where the configuration names them.
+///
+/// # Errors
+/// A file cannot be read or is none.
+pub fn measured(
+    config: &Config,
+) -> Result<Option<(StereoRig, Transform<World, LeftCamera>)>, FileError> {
+    let cameras = &config.cameras;
+    if cameras.calibration.is_empty() {
+        return Ok(None);
+    }
+    let rig = read_stereo(Path::new(&cameras.calibration))?.rig;
+    let world_from_left = read_registration(Path::new(&cameras.registration))?;
+    Ok(Some((rig, world_from_left)))
 }
 
 /// A rig as `vision` takes it from the phantom's parameters.

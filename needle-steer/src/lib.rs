@@ -17,6 +17,7 @@ pub mod odometry;
 pub mod withdrawal;
 pub mod run;
 mod observer;
+pub mod bias;
 mod aim;
 pub mod controls;
 pub mod rig;

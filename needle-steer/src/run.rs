@@ -405,12 +405,8 @@ impl<'a> Insertion<'a> {
             self.aimed = true;
         }
         // Steering begins when the needle is in the cameras' sight, a little deeper at most.
-        if self
-            .cycle
-            .sight()
-            .is_some_and(|sight| sight.shape().is_none())
-            && travelled < self.straight + IN_SIGHT
-        {
+        let unseen = self.cycle.sight().is_some_and(|s| s.shape().is_none());
+        if unseen && travelled < self.straight + IN_SIGHT {
             return;
         }
         self.phase = Phase::Steering;

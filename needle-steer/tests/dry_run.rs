@@ -171,13 +171,23 @@ fn a_simulated_arm_performs_the_whole_insertion_in_air() {
 
 #[test]
 fn without_needle_or_camera_a_real_insertion_is_refused() {
-    let output = run_on(1, 1, &[]);
-    assert_eq!(output.status.code(), Some(1));
-    assert!(
-        stderr(&output).contains("viper.emulate"),
-        "{}",
-        stderr(&output)
-    );
+    let files = [
+        "--set",
+        "cameras.calibration=no-such-file.yml",
+        "--set",
+        "cameras.registration=nor-this.json",
+    ];
+    for (more, told) in [
+        (&[][..], "cameras.calibration"),
+        (&["--sensor", "shape"][..], "ros.publish"),
+        (&files[..2], "cameras.registration"),
+        (&files[..], "no-such-file.yml"),
+    ] {
+        let output = run_on(1, 1, more);
+        assert!(!output.status.success());
+        let message = stderr(&output);
+        assert!(message.contains(told), "{told}: {message}");
+    }
 }
 
 #[test]

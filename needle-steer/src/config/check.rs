@@ -138,6 +138,18 @@ impl Config {
                 problem: format!("expected 640 or 1280, found {width}"),
             });
         }
+        let cameras = &self.cameras;
+        if cameras.calibration.is_empty() != cameras.registration.is_empty() {
+            let [key, other] = if cameras.calibration.is_empty() {
+                ["calibration", "registration"]
+            } else {
+                ["registration", "calibration"]
+            };
+            return Err(Invalid {
+                key: format!("cameras.{key}"),
+                problem: format!("missing: cameras.{other} is given, and one needs the other"),
+            });
+        }
         self.tracking.validate().map_err(|e| Invalid {
             key: format!("tracking.{}", e.key),
             problem: e.to_string(),

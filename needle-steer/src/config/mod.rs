@@ -75,6 +75,11 @@ impl Config {
         self
     }
 
+    /// Whether nothing is inserted into anything.
+    pub const fn is_dry(&self) -> bool {
+        self.run.dry_run || self.run.dry_run_air
+    }
+
     /// Nominal entry point in World \[m\].
     pub fn entry(&self) -> Point3<f64> {
         Point3::from(Vector3::from(self.tissue.entry_mm) * 1e-3)
@@ -358,6 +363,11 @@ impl Default for Viper {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Cameras {
+    /// Stereo calibration (`stereo.yml` of `calibrate stereo`) of the cameras; empty for
+    /// simulated ones, whose calibration comes with them.
+    pub calibration: String,
+    /// Their registration to the arm (of `calibrate register`); goes with the calibration.
+    pub registration: String,
     /// Width of the simulated images: 640 (x 480) or 1280 (x 960) \[px\].
     pub width_px: usize,
     /// Changes to the simulated cameras that go with the phantom's preset.
@@ -367,6 +377,8 @@ pub struct Cameras {
 impl Default for Cameras {
     fn default() -> Self {
         Self {
+            calibration: String::new(),
+            registration: String::new(),
             width_px: 640,
             simulated: toml::Table::new(),
         }

@@ -104,6 +104,37 @@ impl Place {
         })
     }
 
+    /// The controller at the configured host, its needle seen by cameras behind ROS topics.
+    pub(super) fn real(
+        &self,
+        config: &Config,
+        link: Option<&Link>,
+    ) -> Result<Devices, RigBuildError> {
+        let missing = |missing| RigBuildError::NoSensor {
+            host: config.viper.host.clone(),
+            missing,
+        };
+        if config.viper.dialect == ViperDialect::Adept2018 {
+            return Err(RigBuildError::PositioningOnly);
+        }
+        if config.run.sensor == SensorKind::Images && config.cameras.calibration.is_empty() {
+            return Err(missing("cameras.calibration and cameras.registration"));
+        }
+        let link = link.ok_or_else(|| {
+            missing("cameras or a tracker, which come over ROS: ros.publish = true")
+        })?;
+        let eyes = link.eyes(config)?;
+        let time = link.time();
+        let (arm, _) = host::connect(config, &self.chain, Some(&self.joints), time)?;
+        Ok(Devices {
+            clock: Box::new(WallClock::since(time)),
+            arm: Box::new(arm),
+            eyes,
+            world: None,
+            simulated_arm: None,
+        })
+    }
+
     pub(super) fn over_ros(&self, config: &Config, link: &Link) -> Result<Devices, RigBuildError> {
         let parts = link.devices(config, &self.chain)?;
         Ok(Devices {
@@ -155,13 +186,7 @@ fn arm(config: &Config, chain: &Chain, joints: &hal::Joints) -> Result<ArmParts,
             ))
         }
         Backend::Viper => {
-            let is_dry = config.run.dry_run || config.run.dry_run_air;
-            if !config.viper.emulate && !is_dry {
-                return Err(RigBuildError::NoSensor {
-                    host: config.viper.host.clone(),
-                });
-            }
-            if config.viper.dialect == ViperDialect::Adept2018 && !is_dry {
+            if config.viper.dialect == ViperDialect::Adept2018 && !config.is_dry() {
                 return Err(RigBuildError::PositioningOnly);
             }
             if !config.viper.emulate {

@@ -62,6 +62,9 @@ pub enum RigBuildError {
     /// The cameras' settings.
     #[error("cameras: {0}")]
     Cameras(#[from] RigError),
+    /// Calibration or registration of the cameras.
+    #[error("cameras: {0}")]
+    Calibration(#[from] vision::files::FileError),
     /// The simulated arm's settings.
     #[error("simulated arm: {0}")]
     Sim(#[from] SimError),
@@ -76,11 +79,13 @@ pub enum RigBuildError {
     Host(#[from] HostError),
     /// Nothing sees the needle on a real arm.
     #[error(
-        "viper.emulate = false: an insertion on the controller at {host} needs cameras, and run.sensor = \"shape\" is the phantom's; only dry runs go without"
+        "viper.emulate = false: an insertion on the controller at {host} needs {missing}; only dry runs go without"
     )]
     NoSensor {
         /// Host of the controller.
         host: String,
+        /// What is missing.
+        missing: &'static str,
     },
     /// A controller's program that cannot insert.
     #[error(
@@ -145,6 +150,9 @@ impl Rig {
         match (config.run.backend, link) {
             (Backend::Ros, Some(link)) => Self::assemble(config, |lab| lab.over_ros(config, link)),
             (Backend::Ros, None) => Err(RigBuildError::NoNode),
+            (Backend::Viper, link) if !config.viper.emulate && !config.is_dry() => {
+                Self::assemble(config, |lab| lab.real(config, link))
+            }
             (_, link) => {
                 let pace = link.map_or(Pace::Free, Link::pace);
                 Self::simulated(config, pace)
@@ -175,8 +183,13 @@ impl Rig {
         };
         let seed = config.run.seed;
         let stereo = StereoRig::new(&camera_settings, &config.world_from_entry(), seed)?;
-        let registered = stereo.given().left_from_world;
-        let calibrated = images.then(|| cameras::calibrated(stereo.given()));
+        let (calibrated, world_from_left_camera) = match cameras::measured(config)? {
+            Some((rig, world_from_left_camera)) => (rig, world_from_left_camera),
+            None => {
+                let given = stereo.given();
+                (cameras::calibrated(given), given.left_from_world.inverse())
+            }
+        };
         let devices = devices(Place {
             chain: chain.clone(),
             world_from_arm_base,
@@ -195,8 +208,8 @@ impl Rig {
             bearings: Bearings {
                 chain,
                 world_from_arm_base,
-                world_from_left_camera: registered.inverse(),
-                cameras: calibrated,
+                world_from_left_camera,
+                cameras: images.then_some(calibrated),
             },
             world: devices.world,
             simulated_arm: devices.simulated_arm,

@@ -146,6 +146,23 @@ impl Link {
         })
     }
 
+    /// The time that the node shares with the run.
+    pub(crate) const fn time(&self) -> WallTime {
+        self.time
+    }
+
+    /// What sees the needle over topics: cameras, or a tracker.
+    pub(crate) fn eyes(&self, config: &Config) -> Result<Eyes, NodeError> {
+        let node = &self.node;
+        Ok(match config.run.sensor {
+            SensorKind::Images => Eyes::Cameras(Box::new(RosCameras::new(
+                node,
+                RosCamerasOptions::default(),
+            )?)),
+            SensorKind::Shape => Eyes::Shape(Box::new(RosShapes::new(node)?)),
+        })
+    }
+
     /// The pace of a simulated world that the node shows.
     pub(crate) fn pace(&self) -> Pace {
         match self.clock {
@@ -181,13 +198,7 @@ impl Link {
         }
         let laboratory = RemoteLaboratory::new(Laboratory::new(node)?);
         let arm = RosArm::new(node, options)?;
-        let eyes = match config.run.sensor {
-            SensorKind::Images => Eyes::Cameras(Box::new(RosCameras::new(
-                node,
-                RosCamerasOptions::default(),
-            )?)),
-            SensorKind::Shape => Eyes::Shape(Box::new(RosShapes::new(node)?)),
-        };
+        let eyes = self.eyes(config)?;
         let mut clock = WallClock::since(self.time);
         let patience = clock.now() + TRUTH;
         while !laboratory.is_known() && clock.now() < patience {

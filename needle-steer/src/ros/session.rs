@@ -82,7 +82,11 @@ impl Session {
             controls: Arc::clone(controls),
             allowed: true,
             shown: None,
-            shows_images: config.run.backend != Backend::Ros,
+            shows_images: match config.run.backend {
+                Backend::Sim => true,
+                Backend::Viper => config.viper.emulate,
+                Backend::Ros => false,
+            },
             view: bearings.cameras.map(|pair| pair.left_view()),
         })
     }

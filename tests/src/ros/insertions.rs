@@ -5,7 +5,7 @@ use std::sync::mpsc::channel;
 
 use hal::telemetry::Telemetry;
 use hal::{Joints, Stamp};
-use needle_steer::config::{Backend, Config, RosClock};
+use needle_steer::config::{Backend, Config, RosClock, SensorKind};
 use needle_steer::controls::Controls;
 use needle_steer::outcome::Summary;
 use needle_steer::rig::Rig;
@@ -67,9 +67,12 @@ fn ten_insertions_over_ros_are_those_of_one_process() {
     if is_parent_of("ros::insertions::ten_insertions_over_ros_are_those_of_one_process") {
         return;
     }
-    for seed in 1..=10 {
+    let shapes = (1..=10).map(|seed| (seed, SensorKind::Shape));
+    let images = (1..=2).map(|seed| (seed, SensorKind::Images));
+    for (seed, sensor) in shapes.chain(images) {
         let mut config = Config::default();
         config.run.seed = seed;
+        config.run.sensor = sensor;
         let (here, trace_here) = in_process(&config);
         let (there, trace_there) = over_ros(&config);
         assert_eq!(here.ended, there.ended, "seed {seed}");
@@ -85,7 +88,9 @@ fn ten_insertions_over_ros_are_those_of_one_process() {
                     .max(apart(&here.2, &there.2));
             }
         }
-        println!("seed {seed}: {a:.6} mm, {b:.6} mm over ROS; trace {worst} f32 roundings apart");
+        println!(
+            "{sensor:?}, seed {seed}: {a:.6} mm, {b:.6} mm over ROS; trace {worst} f32 roundings apart"
+        );
         assert!((a - b).abs() < 0.02, "seed {seed}: {a} mm, {b} mm");
         assert!(worst <= 1.0, "seed {seed}: {worst} roundings");
     }
