@@ -154,6 +154,8 @@ pub struct ModelReport {
 /// Hidden truth of a simulated world; never read by a law.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TruthReport {
+    /// When it was so.
+    pub stamp: Stamp,
     /// Shape of the needle in World, base to tip \[m\].
     pub shape: Vec<Vector3<f64>>,
     /// Tip O in World \[m\].

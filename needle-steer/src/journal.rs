@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use hal::telemetry::{Phase, Telemetry};
-use hal::{ArmState, Position, RateCommand, SensedShape, Stamp};
+use hal::{ArmState, Position, RateCommand, SensedShape, Stamp, StereoFrame};
 use rosbridge::log::{Level, Log, Overflow, Record, RunInfo, WriteError};
+
+use vision::track::Tracked;
 
 use crate::config::Config;
 use crate::cycle::{Bearings, SeenMarker};
@@ -19,6 +21,7 @@ pub struct Journal {
     log: Log,
     error: Option<WriteError>,
     phase: Phase,
+    newest_image: Option<Stamp>,
 }
 
 impl Journal {
@@ -39,11 +42,19 @@ impl Journal {
             joint_names: bearings.chain.names().to_vec(),
             world_from_left_camera: bearings.world_from_left_camera,
         };
-        Ok(Self {
+        let mut journal = Self {
             log: Log::create(file, &info, Overflow::Wait)?,
             error: None,
             phase: Phase::Idle,
-        })
+            newest_image: None,
+        };
+        if let Some(cameras) = &bearings.cameras {
+            journal.write(Record::Document {
+                name: CALIBRATION.into(),
+                text: serde_json::to_string(cameras)?,
+            });
+        }
+        Ok(journal)
     }
 
     fn write(&mut self, record: impl Into<Record>) {
@@ -84,6 +95,11 @@ impl Journal {
     }
 }
 
+/// Name of the document that holds the calibration of the cameras.
+pub const CALIBRATION: &str = "calibration.json";
+/// One pair of images in so many seconds is kept: to look at, not to track again.
+const IMAGES_EVERY: f64 = 10.0;
+
 /// Word with which the note of a marker begins.
 const MARKER: &str = "marker";
 
@@ -121,6 +137,15 @@ impl Observer for Journal {
 
     fn start(&mut self, arm: &ArmState) {
         self.write(*arm);
+    }
+
+    fn images(&mut self, pair: &StereoFrame, _: &Tracked) {
+        let stamp = pair.left.stamp;
+        let is_due = |last: Stamp| stamp.secs_since(last) >= IMAGES_EVERY;
+        if self.newest_image.is_none_or(is_due) {
+            self.newest_image = Some(stamp);
+            self.write(pair.clone());
+        }
     }
 
     fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {

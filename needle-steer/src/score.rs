@@ -13,8 +13,8 @@ pub trait GroundTruth: Send {
     /// Straight pre-insertion that this run's protocol asks for \[m\].
     fn pre_insertion(&self) -> f64;
 
-    /// Needle and tissue at the last exposure, without target and errors, and when it was.
-    fn newest(&self) -> (Stamp, TruthReport);
+    /// Needle and tissue at the last exposure, without target and errors.
+    fn newest(&self) -> TruthReport;
 
     /// Tip O in truth, World \[m\].
     fn true_tip(&self) -> Vector3<f64>;

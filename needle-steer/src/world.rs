@@ -92,8 +92,8 @@ impl SimulatedWorld {
         }
     }
 
-    /// Needle and tissue in truth, and when they were so.
-    fn truth(&self) -> (Stamp, TruthReport) {
+    /// Needle and tissue in truth.
+    fn truth(&self) -> TruthReport {
         self.lock().truth()
     }
 
@@ -109,17 +109,17 @@ impl SimulatedWorld {
 }
 
 impl Inner {
-    fn truth(&self) -> (Stamp, TruthReport) {
+    fn truth(&self) -> TruthReport {
         let truth = self.bench.truth();
-        let report = TruthReport {
+        TruthReport {
+            stamp: truth.stamp,
             shape: truth.needle.centreline.iter().step_by(4).copied().collect(),
             tip: truth.tip(),
             direction: truth.direction(),
             max_stretch: truth.max_stretch,
             mean_stretch: truth.mean_stretch,
             ..TruthReport::default()
-        };
-        (truth.stamp, report)
+        }
     }
 }
 
@@ -128,7 +128,7 @@ impl GroundTruth for SimulatedWorld {
         self.lock().bench.draw().pre_insertion
     }
 
-    fn newest(&self) -> (Stamp, TruthReport) {
+    fn newest(&self) -> TruthReport {
         self.truth()
     }
 
@@ -163,7 +163,7 @@ impl GroundTruth for SimulatedWorld {
 
     fn report(&self) -> TruthReport {
         let inner = self.lock();
-        Score::complete(inner.score.as_ref(), inner.truth().1)
+        Score::complete(inner.score.as_ref(), inner.truth())
     }
 
     fn figures(&self) -> Option<TrueFigures> {

@@ -50,6 +50,12 @@ fn a_run_ends_with_a_verdict_and_writes_its_results() {
     let again = needle_steer(&["run", "--json", out.join("config.toml").to_str().unwrap()]);
     let again: serde_json::Value = serde_json::from_slice(&again.stdout).unwrap();
     assert_eq!(summary["true_error_mm"], again["true_error_mm"]);
+    // Results are not written over.
+    let before = std::fs::read(out.join("run.mcap")).unwrap();
+    let refused = needle_steer(&["run", "--out", out.to_str().unwrap()]);
+    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("another run"));
+    assert_eq!(before, std::fs::read(out.join("run.mcap")).unwrap());
 }
 
 #[test]

@@ -17,6 +17,7 @@ const LOCALHOST: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 fn needle_steer(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_needle-steer"))
         .args(arguments)
+        .current_dir(env!("CARGO_TARGET_TMPDIR"))
         .stdin(Stdio::null())
         .output()
         .unwrap()

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use hal::frame::LeftCamera;
 use hal::telemetry::TruthReport;
-use hal::{Error, SensedShape, ShapeSensor, Stamp, Transform};
+use hal::{Error, SensedShape, ShapeSensor, Transform};
 
 use crate::convert;
 use crate::msg::needle_steer_msgs::{Shape, World};
@@ -73,8 +73,6 @@ fn is_finite(shape: &SensedShape) -> bool {
 /// What an emulated laboratory gives away for the score; never read by a law.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hidden {
-    /// When the truth was so.
-    pub stamp: Stamp,
     /// The truth, without target and errors.
     pub truth: TruthReport,
     /// Straight start that the protocol asks for \[m\].
@@ -107,7 +105,6 @@ impl Laboratory {
             waiting.pop_front();
         }
         waiting.push_back(Hidden {
-            stamp: convert::stamp(message.truth_stamp),
             truth: (&message.truth).into(),
             pre_insertion: message.pre_insertion,
             stereo_from_world: convert::from_pose(&message.stereo_from_world),

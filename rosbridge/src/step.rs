@@ -90,6 +90,7 @@ impl From<&msgs::Model> for ModelReport {
 impl From<&TruthReport> for msgs::Truth {
     fn from(truth: &TruthReport) -> Self {
         Self {
+            stamp: convert::time(truth.stamp),
             shape: convert::points(&truth.shape),
             tip: convert::point(&truth.tip),
             direction: convert::vector(&truth.direction),
@@ -105,6 +106,7 @@ impl From<&TruthReport> for msgs::Truth {
 impl From<&msgs::Truth> for TruthReport {
     fn from(m: &msgs::Truth) -> Self {
         Self {
+            stamp: convert::stamp(m.stamp),
             shape: convert::from_points(&m.shape),
             tip: convert::from_point(&m.tip),
             direction: convert::from_vector(&m.direction),

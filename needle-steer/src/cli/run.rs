@@ -12,7 +12,7 @@ use hal::{Arm, ArmState, RateCommand, SensedShape, Stamp, StereoFrame};
 use indicatif::{ProgressBar, ProgressStyle};
 use vision::track::Tracked;
 
-use super::print_json;
+use super::{Usage, print_json};
 use crate::config::{self, Config};
 use crate::controls::Controls;
 use crate::host::degrees;
@@ -127,6 +127,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let out = match &args.out {
         Some(out) => {
             std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+            is_free(out)?;
             Some(out.clone())
         }
         None if config.run.dry_run => None,
@@ -167,6 +168,23 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     } else {
         ExitCode::from(1)
     })
+}
+
+/// Refuses a folder with the results of another run.
+fn is_free(folder: &Path) -> Result<(), Usage> {
+    let holds = |name: &str| {
+        std::fs::metadata(folder.join(name)).is_ok_and(|found| found.is_file() && found.len() > 0)
+    };
+    match ["run.mcap", "summary.json"]
+        .into_iter()
+        .find(|name| holds(name))
+    {
+        None => Ok(()),
+        Some(name) => Err(Usage(format!(
+            "{} holds the results of another run ({name}): nothing is written over; name another folder",
+            folder.display()
+        ))),
+    }
 }
 
 /// The next free folder under `out`; nothing, with a warning, where none can be made.

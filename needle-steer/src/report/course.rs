@@ -2,13 +2,16 @@
 
 use std::path::Path;
 
-use hal::StereoFrame;
 use hal::telemetry::Telemetry;
+use hal::{SensedShape, StereoFrame};
 use nalgebra::{Point3, Vector3};
 use rosbridge::log::{LogReader, Record, RunInfo};
 
+use vision::StereoRig;
+
 use super::ReportError;
 use crate::config::{self, Config};
+use crate::journal::CALIBRATION;
 use crate::series::Row;
 
 /// Shapes shown by the slider, about.
@@ -43,6 +46,10 @@ pub(super) struct Sample {
 pub(super) struct View {
     pub(super) time: f64,
     pub(super) pair: StereoFrame,
+    /// Measured points in the stereo frame, tip last; none where the needle was not found.
+    pub(super) points: Vec<Vector3<f64>>,
+    /// The target in the stereo frame, once it is set.
+    pub(super) target: Option<Vector3<f64>>,
 }
 
 /// A run.
@@ -53,6 +60,8 @@ pub(super) struct Course {
     pub(super) samples: Vec<Sample>,
     pub(super) frames: Vec<Frame>,
     pub(super) pairs: Vec<View>,
+    /// The cameras, where the log knows them.
+    pub(super) cameras: Option<StereoRig>,
     /// Target relative to the entry \[mm\]: as the controller believes, and in truth.
     pub(super) target: Option<Vector3<f64>>,
     pub(super) true_target: Option<Vector3<f64>>,
@@ -73,6 +82,7 @@ impl Course {
             samples: Vec::new(),
             frames: Vec::new(),
             pairs: Vec::new(),
+            cameras: None,
             target: None,
             true_target: None,
             result: None,
@@ -81,10 +91,13 @@ impl Course {
         let mut first: Option<Box<Telemetry>> = None;
         let mut next = f64::NEG_INFINITY;
         let mut next_view = f64::NEG_INFINITY;
+        let mut shape: Option<SensedShape> = None;
+        let mut target = None;
         for record in log.by_ref() {
             match record? {
                 Record::Step(t) => {
                     let time = t.stamp.as_secs();
+                    target = (*t.target.point() != Point3::origin()).then(|| t.target.coords());
                     let start = first.get_or_insert_with(|| t.clone());
                     course
                         .samples
@@ -98,8 +111,19 @@ impl Course {
                     let time = pair.left.stamp.as_secs();
                     if time >= next_view && course.pairs.len() < VIEWS {
                         next_view = time + duration / VIEWS as f64;
-                        course.pairs.push(View { time, pair });
+                        let stamp = pair.left.stamp;
+                        let points = shape.as_ref().filter(|s| s.stamp == stamp).map(points_of);
+                        course.pairs.push(View {
+                            time,
+                            pair,
+                            points: points.unwrap_or_default(),
+                            target,
+                        });
                     }
+                }
+                Record::Shape(measured) => shape = Some(measured),
+                Record::Document { name, text } if name == CALIBRATION => {
+                    course.cameras = serde_json::from_str(&text).ok();
                 }
                 Record::Document { name, text } if name == "summary.json" => {
                     course.result = serde_json::from_str(&text).ok();
@@ -230,4 +254,10 @@ fn sample(t: &Telemetry, start: &Telemetry, before: Option<&Sample>) -> Sample {
         interval: before.map(|b| (row.t_s - b.row.t_s) * 1e3),
         row,
     }
+}
+
+/// Points of a measured shape, tip last \[m\].
+fn points_of(shape: &SensedShape) -> Vec<Vector3<f64>> {
+    let along = shape.points.iter().map(|point| point.position.coords());
+    along.chain([shape.tip.position.coords()]).collect()
 }

@@ -67,7 +67,7 @@ pub fn emulate(
             let next = rig.clock.now() + PERIOD;
             rig.clock.wait_until(next);
             lab.arm.step(&mut arm, rig.clock.now())?;
-            let (exposed, sight) = (truth.newest().0, rig.eyes.poll()?);
+            let (exposed, sight) = (truth.newest().stamp, rig.eyes.poll()?);
             if exposed != shown || !sight.is_none() {
                 shown = exposed;
                 show(&mut lab, &rig, &mut arm, truth.as_ref(), sight)?;

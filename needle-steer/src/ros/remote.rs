@@ -2,9 +2,9 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use hal::Transform;
 use hal::frame::{LeftCamera, World};
 use hal::telemetry::TruthReport;
-use hal::{Stamp, Transform};
 use nalgebra::Vector3;
 use rosbridge::laboratory::{Hidden, Laboratory};
 
@@ -28,7 +28,7 @@ impl Inner {
         if let (Some(score), Some(hidden)) = (&mut self.score, &self.newest) {
             let truth = &hidden.truth;
             score.observe(
-                hidden.stamp,
+                truth.stamp,
                 [&truth.tip, &truth.direction],
                 [truth.max_stretch, truth.mean_stretch],
             );
@@ -75,10 +75,8 @@ impl GroundTruth for RemoteLaboratory {
             .map_or(0.0, |hidden| hidden.pre_insertion)
     }
 
-    fn newest(&self) -> (Stamp, TruthReport) {
-        let inner = self.lock();
-        let stamp = inner.newest.as_ref().map_or(Stamp::ZERO, |h| h.stamp);
-        (stamp, inner.truth())
+    fn newest(&self) -> TruthReport {
+        self.lock().truth()
     }
 
     fn stereo_from_world(&self) -> Transform<LeftCamera, World> {

@@ -24,8 +24,8 @@ pub struct Seen {
     pub pairs: Vec<StereoFrame>,
     /// Where the frame of the measurements truly lies.
     pub stereo_from_world: Transform<LeftCamera, Laboratory>,
-    /// The truth at the last exposure, without target and errors, and when it was so.
-    pub truth: (Stamp, TruthReport),
+    /// The truth at the last exposure, without target and errors.
+    pub truth: TruthReport,
     /// Straight start that the protocol asks for \[m\].
     pub pre_insertion: f64,
 }
@@ -36,7 +36,7 @@ impl Default for Seen {
             shapes: Vec::new(),
             pairs: Vec::new(),
             stereo_from_world: Transform::identity(),
-            truth: <(Stamp, TruthReport)>::default(),
+            truth: TruthReport::default(),
             pre_insertion: 0.0,
         }
     }
@@ -115,8 +115,7 @@ impl LabNode {
             },
             stereo_from_world: convert::pose(seen.stereo_from_world.isometry()),
             pre_insertion: seen.pre_insertion,
-            truth_stamp: convert::time(seen.truth.0),
-            truth: (&seen.truth.1).into(),
+            truth: (&seen.truth).into(),
         };
         if self.ticks.is_some() {
             self.arm.joint_states.send(self.arm.feedback(arm));

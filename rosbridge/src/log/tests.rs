@@ -69,6 +69,7 @@ fn telemetry(step: u64) -> Telemetry {
             residual: 1e-12,
         },
         truth: step.is_multiple_of(2).then(|| TruthReport {
+            stamp: Stamp::from_nanos(step * 11),
             shape: line(5, 0.6),
             tip: Vector3::x(),
             direction: Vector3::y(),
