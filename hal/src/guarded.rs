@@ -44,8 +44,17 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// How far `point` is outside, along the axis where it is worst \[m\]; 0 inside.
+    /// How far `point` is outside, along the axis where it is worst \[m\]; 0 inside. A box with a
+    /// bound that is not a number has no inside.
     pub fn excess(&self, point: &Point3<f64>) -> f64 {
+        if self
+            .lower
+            .iter()
+            .chain(self.upper.iter())
+            .any(|x| x.is_nan())
+        {
+            return f64::INFINITY;
+        }
         (0..3).fold(0.0, |worst: f64, k| {
             worst
                 .max(self.lower[k] - point[k])
@@ -145,8 +154,10 @@ impl Guard {
     /// Rates for the coming period `dt` \[s\] of an arm at `positions` \[rad\]; see
     /// [`Limiter::step`]. All limits keep the direction of `wanted`. With a workspace, what is
     /// let through can be stopped inside it by wanting zero; exactly so if the arm executes it
-    /// for `dt`, which then stays the same.
+    /// for `dt`, which then stays the same. A period that is none, or beyond the holding time,
+    /// counts as that.
     pub fn step(&mut self, positions: &Joints, wanted: &Joints, dt: f64) -> Limited {
+        let dt = self.limiter.period(dt);
         let mut limits = Vec::new();
         let scale = self.cap(positions, wanted, &mut limits);
         let capped = wanted.map(|x| x * scale);
@@ -171,17 +182,23 @@ impl Guard {
     /// Factor by which the speed caps slow `wanted`.
     fn cap(&self, positions: &Joints, wanted: &Joints, limits: &mut Vec<Limit>) -> f64 {
         let Some(tool) = &self.tool else { return 1.0 };
+        // A cap that is not a number, or negative, lets nothing through.
+        let [cap_along, cap_across] = [self.caps.along, self.caps.across].map(|cap| cap.max(0.0));
         let velocity = tool.twist(positions, wanted).linear;
         let axis = tool.pose(positions).rotation * nalgebra::Vector3::z();
         let along = velocity.dot(&axis);
         let across = (velocity - axis * along).norm();
+        if !(along.is_finite() && across.is_finite()) {
+            limits.push(Limit::InsertionSpeed);
+            return 0.0;
+        }
         let mut scale = 1.0;
-        if along.abs() > self.caps.along {
-            scale = self.caps.along / along.abs();
+        if along.abs() > cap_along {
+            scale = cap_along / along.abs();
             limits.push(Limit::InsertionSpeed);
         }
-        if across > self.caps.across {
-            scale = (self.caps.across / across).min(scale);
+        if across > cap_across {
+            scale = (cap_across / across).min(scale);
             limits.push(Limit::LateralSpeed);
         }
         scale
@@ -194,6 +211,9 @@ impl Guard {
         };
         let outside = |q: &Joints| workspace.excess(&Point3::from(tool.pose(q).translation.vector));
         let mut worst = outside(positions);
+        if worst == f64::INFINITY {
+            return !rates.iter().all(|x| *x == 0.0);
+        }
         let mut q = positions.zip(rates, |q, rate| q + rate * dt);
         let mut motion = self.after(rates, dt);
         let rest = rates.zeroed();

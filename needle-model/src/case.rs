@@ -208,6 +208,8 @@ impl Case {
         }
         let rotation =
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+        // The nearest rotation: the matrix may be rounded.
+        let rotation = UnitQuaternion::new_normalize(rotation.into_inner());
         Ok(Isometry3::from_parts(
             Translation3::new(m[0][3], m[1][3], m[2][3]),
             rotation,

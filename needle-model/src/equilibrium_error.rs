@@ -55,7 +55,7 @@ pub enum EquilibriumError {
         ahead_m: f64,
     },
     /// The needle does not reach its last spring.
-    #[error("the needle is too short: {needed_m} m to its last spring, length {length_m} m")]
+    #[error("the needle is too short: {needed_m} m to its last spring, needle length_m {length_m}")]
     TooShort {
         /// Arc length up to the last spring \[m\].
         needed_m: f64,

@@ -465,11 +465,13 @@ impl Equilibrium {
         }
         *near = i;
         let segment = self.segment(i);
+        // With the tip on a spring the last segment is shorter than nothing, by the tolerance.
+        let end = segment.length.max(0.0);
         let mut l = segment
             .derivative(0.0)
             .dot(&(point - segment.position(0.0)));
         for _ in 0..8 {
-            l = l.clamp(0.0, segment.length);
+            l = l.clamp(0.0, end);
             let (gap, d) = (segment.position(l) - point, segment.derivative(l));
             let curvature = d.norm_squared() + gap.dot(&segment.second_derivative(l));
             let step = gap.dot(&d) / curvature.max(0.1);
@@ -478,7 +480,7 @@ impl Equilibrium {
                 break;
             }
         }
-        let ends = i == n && l > segment.length + 1e-6;
-        (!ends).then_some((i, l.clamp(0.0, segment.length)))
+        let ends = i == n && l > end + 1e-6;
+        (!ends).then_some((i, l.clamp(0.0, end)))
     }
 }

@@ -52,7 +52,7 @@ pub(crate) fn roll_rate(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::{GAUSS_7, Segment};
+    use crate::segment::{GAUSS_10, Segment};
 
     fn twisted() -> Segment {
         let coefficients = [
@@ -79,7 +79,7 @@ mod tests {
         }
         let mut theta = 0.0;
         for panel in 0..4 {
-            for (u, w) in GAUSS_7 {
+            for (u, w) in GAUSS_10 {
                 let l = (f64::from(panel) + u) / 4.0;
                 let (d, v) = (segment.derivative(l), segment.second_derivative(l));
                 theta += w / 4.0 * roll_rate(&z, &d, &v).0;

@@ -22,6 +22,10 @@ const EVENT_TOLERANCE: f64 = 1e-9;
 const STEP_TOLERANCE: f64 = 1e-8;
 /// Searches for one event before giving up.
 const EVENT_TRIALS: usize = 60;
+/// Shortest pitch \[m\]: no tissue is known to so fine a scale, and the springs grow many.
+const LEAST_PITCH: f64 = 1e-5;
+/// Sub-steps of one step: 25 m at the usual pitch.
+const MOST_PIECES: f64 = 1e4;
 
 /// Where the tissue's rest position is when the tip cuts it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -75,7 +79,7 @@ impl Default for InsertionSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum InsertionError {
     /// A setting out of range.
-    #[error("insertion setting {name} must be finite and positive, got {value}")]
+    #[error("insertion setting {name} out of range, got {value}")]
     Setting {
         /// Its name.
         name: &'static str,
@@ -85,6 +89,14 @@ pub enum InsertionError {
     /// The base pose is not finite.
     #[error("the base pose is not finite")]
     BasePose,
+    /// A step so long that it is none of an insertion.
+    #[error("a step of {travel_m} m and {turn_rad} rad is too long")]
+    Step {
+        /// Way of the base \[m\].
+        travel_m: f64,
+        /// Turn of the base \[rad\].
+        turn_rad: f64,
+    },
     /// The measured tip is not finite.
     #[error("the measured tip is not finite")]
     MeasuredTip,
@@ -138,8 +150,11 @@ impl Insertion {
         settings: InsertionSettings,
         world_from_base: &Isometry3<f64>,
     ) -> Result<Self, InsertionError> {
-        for (name, value) in [("pitch", settings.pitch), ("chord", settings.chord)] {
-            if !(value.is_finite() && value > 0.0) {
+        for (name, value, least) in [
+            ("pitch", settings.pitch, LEAST_PITCH),
+            ("chord", settings.chord, f64::MIN_POSITIVE),
+        ] {
+            if !(value.is_finite() && value >= least) {
                 return Err(InsertionError::Setting { name, value });
             }
         }
@@ -250,6 +265,10 @@ impl Insertion {
             .max(turn / 0.05)
             .ceil()
             .max(1.0);
+        if !(pieces <= MOST_PIECES) {
+            let (travel_m, turn_rad) = (travel, turn);
+            return Err(InsertionError::Step { travel_m, turn_rad });
+        }
         let mut done = 0.0;
         let mut piece = 1.0;
         while piece <= pieces {
@@ -294,6 +313,13 @@ impl Insertion {
         } else {
             from.lerp_slerp(target, fraction)
         };
+        if let Some(first) = self.needle.springs.first() {
+            // The holder on the tissue: no free length is left to push.
+            let ahead_m = (base * Vector3::z()).dot(&(first.rest - base.translation.vector));
+            if !(ahead_m > 0.0) {
+                return Err(EquilibriumError::BehindBase { index: 0, ahead_m });
+            }
+        }
         self.needle.set_base(&base);
         let law = &mut self.law;
         self.needle

@@ -43,6 +43,15 @@ pub enum NeedleError {
         /// Offending modulus \[Pa\].
         young_modulus_pa: f64,
     },
+    /// Values each in its range that together give no bending stiffness, or an infinite one.
+    #[error(
+        "needle outer_diameter_m, inner_diameter_m and young_modulus_pa give a bending stiffness of \
+         {stiffness_nm2} N m2; it must be finite and positive"
+    )]
+    Stiffness {
+        /// Bending stiffness \[N m2\].
+        stiffness_nm2: f64,
+    },
 }
 
 impl Needle {
@@ -77,12 +86,18 @@ impl Needle {
                 young_modulus_pa: young_modulus,
             });
         }
-        Ok(Self {
+        let needle = Self {
             length,
             outer_diameter,
             inner_diameter,
             young_modulus,
-        })
+        };
+        let stiffness_nm2 = needle.bending_stiffness();
+        if positive(stiffness_nm2) && stiffness_nm2.is_normal() {
+            Ok(needle)
+        } else {
+            Err(NeedleError::Stiffness { stiffness_nm2 })
+        }
     }
 
     /// The steel biopsy needle of \[Chevrie2016\], section IV.A: 126 mm free, 0.70 / 0.48 mm, 200 GPa.
@@ -164,6 +179,12 @@ mod tests {
             Needle::new(1.0, 1.0, 1.0, 1.0),
             Err(NeedleError::InnerDiameter { .. })
         ));
+        for (outer, young) in [(1e-90, 1e11), (1e80, 1e11)] {
+            assert!(matches!(
+                Needle::new(1.0, outer, 0.0, young),
+                Err(NeedleError::Stiffness { .. })
+            ));
+        }
         let error = Needle::new(1.0, 1.0, 0.5, f64::INFINITY).unwrap_err();
         assert!(
             error.to_string().contains("young_modulus_pa") && error.to_string().contains("inf")

@@ -7,7 +7,7 @@
 use nalgebra::Vector3;
 
 use crate::block::WIDE;
-use crate::segment::{GAUSS_3, GAUSS_7};
+use crate::segment::{GAUSS_3, GAUSS_10};
 
 /// A Hermite node and what its spring's plane makes of it.
 #[derive(Debug, Clone, Copy)]
@@ -145,8 +145,11 @@ const fn points<const N: usize>(rule: &[(f64, f64); N]) -> [Point; N] {
     points
 }
 
+/// Length up to which three quadrature points do \[m\].
+const SHORT_PIECE: f64 = 4e-3;
+
 static SHORT: [Point; 3] = points(&GAUSS_3);
-static LONG: [Point; 7] = points(&GAUSS_7);
+static LONG: [Point; 10] = points(&GAUSS_10);
 
 /// Inner products that length and roll of a piece follow from.
 struct Products {
@@ -192,10 +195,23 @@ impl Products {
     }
 }
 
+/// Whether a piece takes many quadrature points: so that its length is true to far below a
+/// nanometre however the needle bends.
+fn is_long(first: bool, l: f64) -> bool {
+    first || l > SHORT_PIECE
+}
+
 impl Piece {
-    /// The piece between the nodes, in place; `long` pieces take more quadrature points.
-    pub(crate) fn set(&mut self, stiffness: f64, a: &Node, b: &Node, z: &Vector3<f64>, long: bool) {
-        let rule: &[Point] = if long { &LONG } else { &SHORT };
+    /// The piece between the nodes, in place; the `first`, free one takes more quadrature points.
+    pub(crate) fn set(
+        &mut self,
+        stiffness: f64,
+        a: &Node,
+        b: &Node,
+        z: &Vector3<f64>,
+        first: bool,
+    ) {
+        let rule: &[Point] = if is_long(first, b.l) { &LONG } else { &SHORT };
         self.with_rule(stiffness, a, b, z, rule);
     }
 
@@ -208,9 +224,9 @@ impl Piece {
         a: &Node,
         b: &Node,
         z: &Vector3<f64>,
-        long: bool,
+        first: bool,
     ) {
-        let rule: &[Point] = if long { &LONG } else { &SHORT };
+        let rule: &[Point] = if is_long(first, b.l) { &LONG } else { &SHORT };
         let inverse = 1.0 / b.l;
         let delta = b.p - a.p;
         let (sum, turn) = (a.d + b.d, b.d - a.d);

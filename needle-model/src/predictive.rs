@@ -79,6 +79,14 @@ pub enum PredictionError {
         /// Distance from holder to entry along the axis \[m\].
         free_length_m: f64,
     },
+    /// The path or the needle on it grows beyond all numbers.
+    #[error(
+        "prediction: it grows without bounds (tip compliance {tip_compliance_rad_per_n} rad/N)"
+    )]
+    Unbounded {
+        /// Tip compliance \[rad/N\].
+        tip_compliance_rad_per_n: f64,
+    },
     /// The axial load buckles the needle.
     #[error("prediction: the axial load {axial_load_n} N buckles the needle")]
     Buckled {
@@ -286,6 +294,17 @@ impl Prediction {
             .ok_or(PredictionError::Buckled { axial_load_n })
     }
 
+    /// Refuses what has grown beyond all numbers.
+    fn bounded(&self, rows: &[Row]) -> Result<(), PredictionError> {
+        if rows.iter().flatten().all(|x| x.is_finite()) {
+            return Ok(());
+        }
+        let tip_compliance_rad_per_n = self.law.tip_compliance;
+        Err(PredictionError::Unbounded {
+            tip_compliance_rad_per_n,
+        })
+    }
+
     /// Direction of the path relative to the tip axis: its columns after an advance.
     fn growth(&self, held: &Held, advance: f64) -> Row {
         let bias = self.law.bias * (-advance / self.law.bias_decay).exp();
@@ -349,6 +368,7 @@ impl Prediction {
                 done += 1.0;
             }
         }
+        self.bounded(&[tip, held.slope, held.reaction])?;
         let [x, y, a_pivot, a_shift, bevel] = tip;
         Ok(Rollout {
             free: Vector2::new(x, y),
@@ -363,9 +383,10 @@ impl Prediction {
     /// Tip slope and lateral force of the path on the tip \[N\], now, in the prediction's frame.
     ///
     /// # Errors
-    /// [`PredictionError::Buckled`].
+    /// [`PredictionError::Buckled`], [`PredictionError::Unbounded`].
     pub fn tip_now(&self) -> Result<(Vector2<f64>, Vector2<f64>), PredictionError> {
         let held = self.hold(&self.span, 0.0, &[self.tip.x, self.tip.y, 0.0, 0.0, 0.0])?;
+        self.bounded(&[held.slope, held.reaction])?;
         let pair = |row: Row| Vector2::new(row[0], row[1]);
         Ok((pair(held.slope), pair(held.reaction)))
     }
@@ -373,7 +394,7 @@ impl Prediction {
     /// Authority of the base over the tip slope, now.
     ///
     /// # Errors
-    /// [`PredictionError::Buckled`].
+    /// [`PredictionError::Buckled`], [`PredictionError::Unbounded`].
     pub fn authority(&self) -> Result<Authority, PredictionError> {
         let axial_load_n = self.law.axial_load;
         let buckled = PredictionError::Buckled { axial_load_n };
@@ -388,6 +409,7 @@ impl Prediction {
             .span
             .hold(&clamp, &[position, slope], &[0.0; COLUMNS])
             .ok_or(buckled)?;
+        self.bounded(&[held.slope])?;
         Ok(Authority {
             pivot: held.slope[2],
             shift: held.slope[3],

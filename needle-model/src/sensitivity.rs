@@ -5,7 +5,7 @@ use nalgebra::{Matrix6, RowSVector, SMatrix, SVector, Vector3};
 use crate::block::{Block, WIDE};
 use crate::equilibrium::Equilibrium;
 use crate::jacobian::{Direction, TangentError, TipChange};
-use crate::segment::GAUSS_7;
+use crate::segment::GAUSS_10;
 
 /// Parameters: twist of the base \[v; w\] in World, logarithm of all spring stiffnesses, logarithm
 /// of the tip load.
@@ -57,7 +57,7 @@ impl Sensitivities {
         let mut arc = self.l[..i].iter().sum::<Gradient>();
         let full = needle.segment(i).length;
         if i == needle.springs.len() || coordinate < full {
-            for (u, w) in GAUSS_7 {
+            for (u, w) in GAUSS_10 {
                 let (tangent, rates) = self.tangent_rates(needle, i, coordinate, u);
                 arc += tangent.normalize().transpose() * rates * w;
             }

@@ -66,5 +66,5 @@ fn arc_coordinate(segment: &Segment, s: f64, arc: f64) -> f64 {
             break;
         }
     }
-    l.clamp(0.0, segment.length)
+    l.clamp(0.0, segment.length.max(0.0))
 }

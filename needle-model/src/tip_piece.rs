@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::frame::{carry, roll_rate, rolled, tip_y_by_axis};
-use crate::segment::GAUSS_7;
+use crate::segment::GAUSS_10;
 
 /// Load at O: a force along `y_tip` and the end curvature times E I along `y_tip`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -161,7 +161,7 @@ impl TipPiece {
             }
         }
         (self.arc, self.roll) = (0.0, 0.0);
-        for (u, w) in GAUSS_7 {
+        for (u, w) in GAUSS_10 {
             let Place { k_u, tangent, .. } = self.place(input, d, l, u);
             let size = tangent.norm();
             self.arc += w * l * size;
@@ -201,7 +201,7 @@ impl TipPiece {
         let (mut arc_d, mut arc_y, mut arc_l) = (Vector3::zeros(), Vector3::zeros(), 0.0);
         let (mut roll_d, mut roll_y, mut roll_l) = (Vector3::zeros(), Vector3::zeros(), 0.0);
         let (mut arc_load, mut roll_load, mut roll_z) = ([0.0; 2], [0.0; 2], Vector3::zeros());
-        for (u, w) in GAUSS_7 {
+        for (u, w) in GAUSS_10 {
             let Place { k, k_u, tangent } = self.place(input, d, l, u);
             let k_l =
                 ((load.bending + 2.0 * load.force * l) * u - load.force * l * u * u) / stiffness;

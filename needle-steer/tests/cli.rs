@@ -1,6 +1,7 @@
 //! Smoke tests of the command line: exit codes, messages, files.
 #![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
 
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
@@ -195,26 +196,112 @@ fn shape_solves_a_reference_case_and_names_what_is_wrong() {
         assert!((solved["tip_m"][axis].as_f64().unwrap() - expected).abs() < 1e-6);
     }
     assert_eq!(solved["j_tip_base"].as_array().unwrap().len(), 6);
+}
+
+/// Every kind of bad case: exit 2, the field named, nothing written.
+#[test]
+fn a_bad_case_for_shape_names_its_field_and_writes_nothing() {
+    let folder = folder("bad-shape");
+    let data = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../tests/data/needle/ustk_equilibria.json"
+    );
+    let cases: serde_json::Value = serde_json::from_slice(&std::fs::read(data).unwrap()).unwrap();
+    let good = &cases[3];
+    let with = |pointer: &str, value: serde_json::Value| {
+        let mut broken = good.clone();
+        *broken.pointer_mut(pointer).unwrap() = value;
+        broken.to_string()
+    };
+    let mut swapped = good.clone();
+    swapped["springs"].as_array_mut().unwrap().swap(3, 4);
+    let mut unknown = good.clone();
+    unknown["spring"] = json!([]);
+    let mut missing = good.clone();
+    missing["needle"]
+        .as_object_mut()
+        .unwrap()
+        .remove("young_modulus_pa");
+    let text = good.to_string();
     let bad = [
-        ("springs[1]", "stiffness_n_per_m", serde_json::json!(-1.0)),
-        ("needle", "length_m", serde_json::json!(0.0)),
+        (
+            with("/springs/1/stiffness_n_per_m", json!(-1.0)),
+            "springs[1]: stiffness_n_per_m",
+        ),
+        (
+            with("/springs/1/stiffness_n_per_m", json!(0)),
+            "springs[1]: stiffness_n_per_m",
+        ),
+        (
+            with("/springs/2/rest_m", json!([0.0, 0.0])),
+            "springs[2].rest_m",
+        ),
+        (
+            with("/springs/2/rest_m/1", json!("a")),
+            "springs[2].rest_m[1]",
+        ),
+        (
+            with("/springs/2/rest_m/1", serde_json::Value::Null),
+            "springs[2].rest_m[1]",
+        ),
+        (with("/needle/length_m", json!(0.0)), "length_m"),
+        (with("/needle/length_m", json!(-0.126)), "length_m"),
+        (with("/needle/length_m", json!(0.09)), "length_m"),
+        (
+            with("/needle/outer_diameter_m", json!(-1e-3)),
+            "outer_diameter_m",
+        ),
+        (
+            with("/needle/outer_diameter_m", json!(1e-90)),
+            "inner_diameter_m",
+        ),
+        (
+            with("/needle/inner_diameter_m", json!(1e-3)),
+            "inner_diameter_m",
+        ),
+        (
+            with("/needle/young_modulus_pa", json!(0)),
+            "young_modulus_pa",
+        ),
+        (with("/world_from_base/0/0", json!(2.0)), "world_from_base"),
+        (
+            with("/world_from_base/3", json!([0, 0, 0, 2])),
+            "world_from_base",
+        ),
+        (
+            with("/world_from_base/2", json!([0, 0, 1])),
+            "world_from_base[2]",
+        ),
+        (with("/tip_force_n", json!("0.1")), "tip_force_n"),
+        (swapped.to_string(), "spring 4 is out of order"),
+        (unknown.to_string(), "spring"),
+        (missing.to_string(), "young_modulus_pa"),
+        (
+            text.replacen("\"tip_force_n\":", "\"tip_force_n\":NaN,\"x\":", 1),
+            "tip_force_n",
+        ),
+        (
+            text.replacen("\"length_m\":", "\"length_m\":1e999,\"x\":", 1),
+            "length_m",
+        ),
+        (format!("{text}{text}"), "after the case"),
+        (text[..text.len() / 2].to_owned(), "line 1"),
+        (String::new(), "case.json"),
+        ("[]".to_owned(), "case.json"),
     ];
-    for (place, key, value) in bad {
-        let mut broken = cases[0].clone();
-        match place {
-            "needle" => broken["needle"][key] = value,
-            _ => broken["springs"][1][key] = value,
-        }
-        std::fs::write(&case, broken.to_string()).unwrap();
+    let case = folder.join("case.json");
+    for (text, named) in bad {
+        std::fs::write(&case, &text).unwrap();
         let output = needle_steer(&["shape", case.to_str().unwrap()]);
-        assert_eq!(output.status.code(), Some(2));
-        assert!(output.stdout.is_empty());
-        assert!(stderr(&output).contains("length") || stderr(&output).contains(place));
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{named}: {said}");
+        assert!(output.stdout.is_empty(), "{named}");
+        assert!(
+            said.contains(named) && said.contains("case.json"),
+            "{named}: {said}"
+        );
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "{named}");
     }
-    std::fs::write(&case, "{\"needle\": 3}").unwrap();
-    let output = needle_steer(&["shape", case.to_str().unwrap()]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).contains("case.json"), "{}", stderr(&output));
 }
 
 #[test]
@@ -392,6 +479,25 @@ fn forward_kinematics_takes_negative_joints_and_refuses_nonsense() {
     ]);
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("hand"), "{}", stderr(&output));
+    // A file that is broken is named, and its element.
+    let broken = folder("broken-urdf").join("broken.urdf");
+    let text = std::fs::read_to_string(urdf).unwrap();
+    for (from, to, named) in [
+        ("<axis xyz=\"0 1 0\"/>", "<axis xyz=\"0 0 0\"/>", "joint_2"),
+        ("0.270 0 0", "0.270 0", "joint_3"),
+        ("type=\"revolute\"", "type=\"continuous\"", "joint_1"),
+        ("<link name=\"tool0\"/>", "", "tool0"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        std::fs::write(&broken, text.replacen(from, to, 1)).unwrap();
+        let file = broken.to_str().unwrap();
+        let joints = "0,0,0,0,0,0";
+        let output = needle_steer(&["fk", "--urdf", file, "--tip", "tool0", "--joints", joints]);
+        assert_eq!(output.status.code(), Some(2), "{named}");
+        let said = stderr(&output);
+        assert!(output.stdout.is_empty() && said.contains(named), "{said}");
+        assert!(said.contains("broken.urdf"), "{said}");
+    }
 }
 
 #[test]

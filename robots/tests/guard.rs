@@ -397,6 +397,101 @@ fn speed_caps_slow_the_tool_in_its_direction() {
 }
 
 #[test]
+fn caps_boxes_and_periods_that_are_no_numbers_let_nothing_loose() {
+    let chain = viper();
+    let q = Joints::from([0.0, -1.2, 2.4, 0.0, 0.9, 0.0]);
+    let everywhere = Workspace {
+        lower: Point3::new(-9.0, -9.0, -9.0),
+        upper: Point3::new(9.0, 9.0, 9.0),
+    };
+    let nowhere = Workspace {
+        lower: Point3::new(-9.0, f64::NAN, -9.0),
+        ..everywhere
+    };
+    let cap = |along, across| SpeedCaps { along, across };
+    for (workspace, caps, wanted) in [
+        (everywhere, cap(f64::NAN, 0.01), 0.1),
+        (everywhere, cap(0.01, f64::NAN), 0.1),
+        (everywhere, cap(-1.0, 0.01), 0.1),
+        (nowhere, SpeedCaps::NONE, 0.1),
+        (everywhere, SpeedCaps::INSERTING, f64::MAX),
+    ] {
+        let limiter = Limiter::new(chain.limits(), MARGIN, HOLD).unwrap();
+        let mut guard =
+            Guard::new(limiter).with_tool(Box::new(chain.clone()), Some(workspace), caps);
+        for _ in 0..20 {
+            let limited = guard.step(&q, &q.map(|_| wanted), PERIOD);
+            assert!(limited.rates.max_abs() == 0.0, "{limited:?}");
+            assert!(!limited.limits.is_empty());
+        }
+    }
+    for dt in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
+        let limiter = Limiter::new(chain.limits(), MARGIN, HOLD).unwrap();
+        let mut guard = Guard::new(limiter);
+        for _ in 0..20 {
+            let before = *guard.motion();
+            let limited = guard.step(&q, &q.map(|_| 0.3), dt);
+            assert!(limited.rates.is_finite());
+            assert_kept(
+                chain.limits(),
+                &before,
+                guard.motion(),
+                &q,
+                HOLD.as_secs_f64(),
+            );
+        }
+        assert!(guard.motion().rates.max_abs() > 0.1);
+    }
+}
+
+/// Everything at once: `cargo test --release -p robots --test guard million -- --ignored --nocapture`
+#[test]
+#[ignore = "minutes; run by hand"]
+fn a_million_random_commands_through_the_whole_guard_break_nothing() {
+    let chain = viper();
+    let limits = chain.limits();
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    let mut q = Joints::from([0.0, -1.2, 2.4, 0.0, 0.9, 0.0]);
+    let centre = chain.forward(&q).translation.vector;
+    let workspace = Workspace {
+        lower: Point3::from(centre.add_scalar(-0.06)),
+        upper: Point3::from(centre.add_scalar(0.06)),
+    };
+    let limiter = Limiter::new(limits, MARGIN, HOLD).unwrap();
+    let mut guard =
+        Guard::new(limiter).with_tool(Box::new(chain.clone()), Some(workspace), SpeedCaps::NONE);
+    let mut wanted = q.zeroed();
+    let (mut walls, mut straight) = (0, 0);
+    for _ in 0..1_000_000 {
+        if rng.random_bool(0.05) {
+            wanted = arbitrary(limits, &wanted, &mut rng);
+            if rng.random_bool(0.02) {
+                wanted[0] = [f64::NAN, f64::INFINITY, -f64::INFINITY][rng.random_range(0..3)];
+            }
+        }
+        let before = *guard.motion();
+        let limited = guard.step(&q, &wanted, PERIOD);
+        q = q.zip(&limited.rates, |q, rate| q + rate * PERIOD);
+        assert_kept(limits, &before, guard.motion(), &q, PERIOD);
+        let point = Point3::from(chain.forward(&q).translation.vector);
+        assert!(workspace.excess(&point) <= 0.0, "{point:?}");
+        let wall = limited.limits.contains(&Limit::Workspace);
+        walls += u32::from(wall);
+        // What stops before a wall stops along its own way.
+        let wants = wanted.is_finite() && wanted.max_abs() > 0.0 && !wall;
+        if wants && limited.course == Course::Straight {
+            straight += 1;
+            assert!(bend(&limited.rates, &wanted) < 1e-9);
+        }
+        if !wanted.is_finite() {
+            wanted = wanted.zeroed();
+        }
+    }
+    println!("{walls} held by the box, {straight} straight");
+    assert!(walls > 10_000 && straight > 100_000, "{walls} {straight}");
+}
+
+#[test]
 fn values_that_are_no_numbers_bring_the_arm_to_rest() {
     let chain = viper();
     let limiter = Limiter::new(chain.limits(), MARGIN, HOLD).unwrap();

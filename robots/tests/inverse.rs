@@ -151,6 +151,45 @@ fn all_turns_are_all_and_inside_the_limits() {
     assert!(nearest.zip(&q, |a, b| a - b).max_abs() < 1e-10);
 }
 
+#[test]
+fn joints_without_ends_to_speak_of_do_not_multiply_for_ever() {
+    let chain = Chain::from_urdf(VIPER_S650, FLANGE).unwrap();
+    let q = Joints::from([0.2, -0.7, 2.0, 0.4, 0.9, 1.0]);
+    let pose = chain.forward(&q);
+    for (lower, upper) in [(-1e9, 1e9), (1e9, 2e9), (f64::NEG_INFINITY, f64::INFINITY)] {
+        let mut limits = chain.limits().to_vec();
+        for limit in &mut limits[3..] {
+            (limit.lower, limit.upper) = (lower, upper);
+        }
+        let endless = chain.clone().with_limits(limits).unwrap();
+        assert!(endless.inverse(&pose, Turns::One).len() >= 2);
+        let all = endless.inverse(&pose, Turns::All);
+        assert!((1000..=8 * 65_536).contains(&all.len()), "{}", all.len());
+        let far = q.map(|x| x + 700.0 * TAU);
+        let near = endless.inverse_near(&pose, &far).unwrap();
+        if lower < 0.0 {
+            assert!((near[5] - far[5]).abs() < 1e-9, "{near:?}");
+        }
+    }
+    // The nearest of all turns, as by trying all of them.
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    for _ in 0..500 {
+        let (q, near) = (
+            random_joints(&chain, &mut rng),
+            random_joints(&chain, &mut rng),
+        );
+        let pose = chain.forward(&q);
+        let distance = |x: &Joints| x.zip(&near, |a, b| a - b).max_abs();
+        let best = chain
+            .inverse(&pose, Turns::All)
+            .iter()
+            .map(distance)
+            .fold(f64::INFINITY, f64::min);
+        let found = distance(&chain.inverse_near(&pose, &near).unwrap());
+        assert!((found - best).abs() < 1e-9, "{found} {best}");
+    }
+}
+
 /// The figure in the documentation of `Chain::inverse`:
 /// `cargo test --release -p robots --test inverse completeness -- --ignored --nocapture`
 #[test]

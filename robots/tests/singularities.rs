@@ -86,6 +86,29 @@ fn what_is_not_finite_gives_standstill() {
     );
 }
 
+#[test]
+fn twists_of_any_size_and_settings_of_any_kind_give_numbers() {
+    let chain = Chain::from_urdf(VIPER_S650, NEEDLE_BASE).unwrap();
+    let away = Joints::from([0.1, -1.2, 2.4, 0.2, 0.9, -0.3]);
+    let wrist = Joints::from([0.1, -1.2, 2.4, 0.2, 0.0, -0.3]);
+    for q in [away, wrist, away.map(|x| x * 1e300)] {
+        for size in [1e-300, 1.0, 1e150, f64::MAX] {
+            let twist =
+                Twist::from_vector(&Vector6::new(0.3, -0.2, 1.0, 0.5, 0.1, -0.7).map(|x| x * size));
+            for length in [0.1, 1e-9, 0.0, -1.0, f64::NAN, f64::INFINITY] {
+                for threshold in [0.05, 0.0, -1.0, f64::NAN, f64::INFINITY] {
+                    let out = chain.rates(&q, &twist, &RateSettings { length, threshold });
+                    assert!(out.rates.is_finite() && out.realised.is_finite(), "{out:?}");
+                    for (rate, limit) in out.rates.iter().zip(chain.limits()) {
+                        assert!(rate.abs() <= limit.velocity * (1.0 + 1e-12), "{out:?}");
+                    }
+                }
+                assert!(chain.dexterity(&q, length).is_finite());
+            }
+        }
+    }
+}
+
 /// A posture just before a singularity and the joint that leads through it.
 fn approaches() -> [(&'static str, Joints, usize, f64); 3] {
     let chain = Chain::from_urdf(VIPER_S650, FLANGE).unwrap();

@@ -95,6 +95,99 @@ fn broken_files_name_the_element() {
     }
 }
 
+/// What the parser itself refuses, with the name of the element that it does not give.
+#[test]
+fn what_the_parser_refuses_is_named_too() {
+    let limit_3 = r#"<limit lower="-0.5061454830783556" upper="4.468042885105484" effort="0" velocity="6.544984694978735"/>"#;
+    let joint_3 = r#"<joint name="joint_3" type="revolute">"#;
+    let cases = [
+        (
+            limit_3,
+            r#"<limit lower="-1" upper="1" effort="0"/>"#,
+            "joint_3",
+        ),
+        (
+            limit_3,
+            r#"<limit lower="a" upper="1" effort="0" velocity="1"/>"#,
+            "joint_3",
+        ),
+        (
+            JOINT_3_ORIGIN,
+            r#"<origin xyz="0.27 0"/><parent link="link_2"/>"#,
+            "joint_3",
+        ),
+        (
+            JOINT_3_ORIGIN,
+            r#"<origin xyz="a b c"/><parent link="link_2"/>"#,
+            "joint_3",
+        ),
+        (JOINT_3_ORIGIN, r#"<origin xyz="0.27 0 0"/>"#, "joint_3"),
+        (
+            JOINT_3_ORIGIN,
+            r#"<origin xyz="0.27 0 0"/><parent/>"#,
+            "joint_3",
+        ),
+        (
+            joint_3,
+            r#"<joint name="joint_3" type="turning">"#,
+            "joint_3",
+        ),
+        (joint_3, r#"<joint name="joint_3">"#, "joint_3"),
+        (joint_3, r#"<joint type="revolute">"#, "(unnamed)"),
+        ("<link name=\"tool0\"/>", "<link/>", "link (unnamed)"),
+        (
+            "<link name=\"tool0\"/>",
+            r#"<link name="tool0"><inertial><mass value="heavy"/></inertial></link>"#,
+            "link tool0",
+        ),
+    ];
+    for (from, to, name) in cases {
+        let message = error_of(from, to).to_string();
+        assert!(
+            message.contains(name),
+            "{to}: {message:?} does not name {name:?}"
+        );
+    }
+}
+
+#[test]
+fn joints_off_the_chain_and_elements_unknown_do_no_harm() {
+    let gripper = r#"<link name="finger"/><joint name="grip" type="prismatic"><parent link="tool0"/>
+        <child link="finger"/><axis xyz="1 0 0"/><limit lower="0" upper="0.1" effort="1" velocity="1"/>
+        <mimic joint="other"/></joint>
+        <link name="wheel"/><joint name="roll" type="continuous"><parent link="tool0"/>
+        <child link="wheel"/><axis xyz="0 0 0"/></joint>
+        <gazebo/><gazebo><plugin name="a"/><plugin name="b"/></gazebo></robot>"#;
+    let more = VIPER_S650.replacen("</robot>", gripper, 1);
+    let plain = Chain::from_urdf(VIPER_S650, NEEDLE_BASE).unwrap();
+    let q = Joints::from([0.3, -0.7, 2.4, 1.1, 0.5, -0.8]);
+    let chain = Chain::from_urdf(&more, NEEDLE_BASE).unwrap();
+    assert_eq!(chain.forward(&q), plain.forward(&q));
+    for (tip, joint) in [("finger", "grip"), ("wheel", "roll")] {
+        let message = Chain::from_urdf(&more, tip).unwrap_err().to_string();
+        assert!(message.contains(joint), "{message}");
+    }
+}
+
+#[test]
+fn an_axis_of_any_length_counts_by_its_direction_and_none_is_x() {
+    let q = Joints::from([0.3, -0.7, 2.4, 1.1, 0.5, -0.8]);
+    let plain = Chain::from_urdf(VIPER_S650, NEEDLE_BASE)
+        .unwrap()
+        .forward(&q);
+    for length in ["7", "1e-9", "1e-200", "1e300"] {
+        let long = VIPER_S650.replace("xyz=\"0 1 0\"", &format!("xyz=\"0 {length} 0\""));
+        assert_ne!(long, VIPER_S650);
+        let pose = Chain::from_urdf(&long, NEEDLE_BASE).unwrap().forward(&q);
+        let error = (pose.to_homogeneous() - plain.to_homogeneous()).norm();
+        assert!(error < 1e-14, "{length}: {error:e}");
+    }
+    let with = VIPER_S650.replacen("<axis xyz=\"0 1 0\"/>", "<axis xyz=\"1 0 0\"/>", 1);
+    let without = VIPER_S650.replacen("<axis xyz=\"0 1 0\"/>", "", 1);
+    let pose = |urdf: &str| Chain::from_urdf(urdf, NEEDLE_BASE).unwrap().forward(&q);
+    assert_eq!(pose(&with), pose(&without));
+}
+
 #[test]
 fn a_zero_axis_and_an_unknown_tip_are_named() {
     let zero = VIPER_S650.replace(r#"<axis xyz="0 1 0"/>"#, r#"<axis xyz="0 0 0"/>"#);

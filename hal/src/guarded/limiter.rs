@@ -95,11 +95,7 @@ impl Limiter {
     ///   period beyond the holding time counts as that.
     pub fn step(&self, positions: &Joints, motion: &Motion, wanted: &Joints, dt: f64) -> Limited {
         let joints = self.limits.len();
-        let dt = if dt > 0.0 {
-            dt.min(self.hold)
-        } else {
-            self.hold
-        };
+        let dt = self.period(dt);
         let usable = [positions, wanted]
             .iter()
             .all(|x| x.len() == joints && x.is_finite());
@@ -118,6 +114,15 @@ impl Limiter {
                 self.blended(motion, &rest, dt, &ranges)
             })
             .unwrap_or_else(|| self.joint_by_joint(motion, wanted, dt, &ranges))
+    }
+
+    /// A period that is none, or beyond the holding time, counts as that.
+    pub(super) fn period(&self, dt: f64) -> f64 {
+        if dt > 0.0 {
+            dt.min(self.hold)
+        } else {
+            self.hold
+        }
     }
 
     /// `wanted`, slowed to what every joint can do, and the limit that slows it.

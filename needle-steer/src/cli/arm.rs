@@ -124,9 +124,11 @@ fn pose(text: &str) -> Result<Isometry3<f64>, Usage> {
         )));
     }
     let rotation = Rotation3::from_matrix_unchecked(rotation);
+    // The text may be rounded: the rotation next to it.
+    let rotation = UnitQuaternion::from_rotation_matrix(&rotation).into_inner();
     Ok(Isometry3::from_parts(
         Vector3::new(m[(0, 3)], m[(1, 3)], m[(2, 3)]).into(),
-        UnitQuaternion::from_rotation_matrix(&rotation),
+        UnitQuaternion::new_normalize(rotation),
     ))
 }
 

@@ -65,8 +65,11 @@ pub(super) fn shape(args: &ShapeArgs) -> anyhow::Result<ExitCode> {
     let text = std::fs::read_to_string(&args.case)
         .map_err(|e| Usage(format!("{file}: cannot be read: {e}")))?;
     let reader = &mut serde_json::Deserializer::from_str(&text);
-    let case: CaseFile = serde_path_to_error::deserialize(reader)
+    let case: CaseFile = serde_path_to_error::deserialize(&mut *reader)
         .map_err(|e| Usage(format!("{file}: {}: {}", e.path(), e.inner())))?;
+    reader
+        .end()
+        .map_err(|e| Usage(format!("{file}: after the case: {e}")))?;
     let solved = Case::from(case)
         .solve()
         .map_err(|e| Usage(format!("{file}: {e}")))?;

@@ -14,7 +14,8 @@ pub enum Turns {
     /// One solution a posture: every joint as near to zero as its limits allow.
     #[default]
     One,
-    /// All full turns within the limits.
+    /// All full turns within the limits; of more than 65 536 solutions, which joints without ends
+    /// to speak of make, those with the later joints' turns next to zero.
     All,
 }
 
@@ -22,6 +23,8 @@ pub enum Turns {
 const AT_LIMIT: f64 = 1e-11;
 /// Solutions closer than this are one \[rad\].
 const SAME: f64 = 1e-9;
+/// Most solutions that differ by full turns.
+const MOST: usize = 1 << 16;
 
 impl Chain {
     /// All joint positions within the limits that put the tip at `base_from_tip`.
@@ -69,8 +72,14 @@ impl Chain {
     /// The solution nearest to `q`, by the largest joint difference, full turns included.
     pub fn inverse_near(&self, base_from_tip: &Isometry3<f64>, q: &Joints) -> Option<Joints> {
         let distance = |x: &Joints| x.zip(q, |a, b| a - b).max_abs();
-        self.inverse(base_from_tip, Turns::All)
+        self.inverse(base_from_tip, Turns::One)
             .into_iter()
+            .map(|mut solution| {
+                for ((x, limit), near) in solution.iter_mut().zip(self.limits()).zip(q.iter()) {
+                    *x = turn_next_to(*x, *near, limit).unwrap_or(*x);
+                }
+                solution
+            })
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
@@ -84,11 +93,7 @@ impl Chain {
         let mut out = *q;
         for (x, limit) in out.iter_mut().zip(self.limits()) {
             let principal = *x - TAU * (*x / TAU).round();
-            *x = onto(principal, limit).or_else(|| {
-                turns_of(principal, limit)
-                    .min_by(|a, b| a.abs().total_cmp(&b.abs()))
-                    .and_then(|x| onto(x, limit))
-            })?;
+            *x = onto(principal, limit).or_else(|| turn_next_to(principal, 0.0, limit))?;
         }
         Some(out)
     }
@@ -97,8 +102,9 @@ impl Chain {
         let mut all = solutions.to_vec();
         for (i, limit) in self.limits().iter().enumerate() {
             let mut turned = Vec::with_capacity(all.len());
+            let most = (MOST / all.len().max(1)).max(1);
             for q in &all {
-                for x in turns_of(q[i], limit) {
+                for x in turns_of(q[i], limit, most) {
                     if let Some(x) = onto(x, limit) {
                         let mut q = *q;
                         q[i] = x;
@@ -112,13 +118,39 @@ impl Chain {
     }
 }
 
-/// `x` and its full turns from just below the lower limit to just above the upper one.
-fn turns_of(x: f64, limit: &JointLimit) -> impl Iterator<Item = f64> {
+/// The first and the last full turn to add to `x`, just below the lower limit and just above the
+/// upper one.
+fn span(x: f64, limit: &JointLimit) -> (f64, f64) {
     let first = ((limit.lower - AT_LIMIT - x) / TAU).ceil();
     let last = ((limit.upper + AT_LIMIT - x) / TAU).floor();
-    core::iter::successors(Some(first), |k| Some(k + 1.0))
-        .take_while(move |k| *k <= last)
+    (first, last)
+}
+
+/// `x` and its full turns between the limits, `most` of them at most, from that next to zero.
+fn turns_of(x: f64, limit: &JointLimit, most: usize) -> impl Iterator<Item = f64> {
+    let (first, last) = span(x, limit);
+    let middle = if first <= last {
+        (-x / TAU).round().clamp(first, last)
+    } else {
+        first
+    };
+    // Outwards: 0, 1, -1, 2, -2, ...
+    let half = (middle - first).max(last - middle).max(0.0);
+    core::iter::successors(Some(0.0_f64), |k| Some(if *k > 0.0 { -k } else { 1.0 - k }))
+        .take_while(move |k| k.abs() <= half)
+        .map(move |k| middle + k)
+        .filter(move |k| (first..=last).contains(k))
+        .take(most)
         .map(move |k| x + TAU * k)
+}
+
+/// `x` with the full turns that bring it next to `near` within the limits, if there are any.
+fn turn_next_to(x: f64, near: f64, limit: &JointLimit) -> Option<f64> {
+    let (first, last) = span(x, limit);
+    let turns = ((near - x) / TAU).round();
+    (first <= last && turns.is_finite())
+        .then(|| x + TAU * turns.clamp(first, last))
+        .and_then(|x| onto(x, limit))
 }
 
 fn onto(x: f64, limit: &JointLimit) -> Option<f64> {

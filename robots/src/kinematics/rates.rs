@@ -16,6 +16,9 @@ pub struct RateSettings {
     pub threshold: f64,
 }
 
+/// Twists beyond this are scaled down to it \[m/s, rad/s\].
+const HUGE: f64 = 1e6;
+
 impl Default for RateSettings {
     fn default() -> Self {
         Self {
@@ -43,7 +46,7 @@ pub struct TwistRates {
 impl Chain {
     /// Joint rates for the twist of the tip's origin, along the axes of the base. An arm of
     /// seven joints takes the smallest rates that do it. Twists and positions that are not
-    /// finite give standstill.
+    /// finite give standstill, and so do settings that are no positive length and no threshold.
     ///
     /// Directions of motion whose singular value s is below the threshold t are damped:
     /// 1/s becomes s / (s^2 + t^2 - s t), which has no step at t and vanishes in the
@@ -57,9 +60,20 @@ impl Chain {
             dexterity: 0.0,
             limits: Vec::new(),
         };
-        if !(q.is_finite() && twist.is_finite()) {
+        let usable = settings.length.is_finite()
+            && settings.length > 0.0
+            && settings.threshold.is_finite()
+            && settings.threshold >= 0.0;
+        let size = twist.to_vector().amax();
+        if !(q.is_finite() && twist.is_finite() && usable) {
             return out;
         }
+        // Far beyond all limits, only the direction counts; the squares have to stay numbers.
+        let twist = if size > HUGE {
+            Twist::from_vector(&(twist.to_vector() * (HUGE / size)))
+        } else {
+            *twist
+        };
         let weight = weights(settings.length);
         let weighted = weigh(&jacobian, &weight);
         let modes = modes(&weighted);
@@ -99,8 +113,11 @@ impl Chain {
     }
 
     /// Smallest singular value of the Jacobian at `q`, linear velocities divided by `length`
-    /// \[m\]: 0 in a singularity.
+    /// \[m\]: 0 in a singularity, and for what is not finite.
     pub fn dexterity(&self, q: &Joints, length: f64) -> f64 {
+        if !(q.is_finite() && length.is_finite() && length > 0.0) {
+            return 0.0;
+        }
         let weighted = weigh(&self.jacobian(q), &weights(length));
         modes(&weighted).eigenvalues.min().max(0.0).sqrt()
     }

@@ -1,5 +1,6 @@
 //! From the text of a URDF to a [`Chain`], with errors that name the element.
 
+use core::ops::Range;
 use std::collections::{HashMap, HashSet};
 
 use hal::{JointLimit, MAX_JOINTS};
@@ -16,8 +17,12 @@ const DEFAULT_DYNAMICS: (f64, f64) = (4.0, 40.0);
 const LAST_JOINT_DYNAMICS: (f64, f64) = (40.0, 400.0);
 
 pub(super) fn read(xml: &str, tip: &str) -> Result<Chain, UrdfError> {
-    let with_limits = scan(xml)?;
-    let robot = urdf_rs::read_from_string(xml)?;
+    let Scanned {
+        with_limits,
+        elements,
+    } = scan(xml)?;
+    let robot =
+        urdf_rs::read_from_string(xml).map_err(|error| whose_fault(xml, elements, error))?;
     let parents = tree(&robot)?;
     if !robot.links.iter().any(|link| link.name == tip) {
         return Err(unknown_link(&robot, tip, "the caller"));
@@ -63,14 +68,33 @@ pub(super) fn read(xml: &str, tip: &str) -> Result<Chain, UrdfError> {
     Ok(Chain::assemble(base, tip.to_owned(), revolute, pending))
 }
 
+/// What a joint has at most once.
+const ONCE: [&str; 6] = ["origin", "parent", "child", "axis", "limit", "mimic"];
+
+/// A joint, link or other child of the robot.
+struct Element {
+    kind: String,
+    name: String,
+    bytes: Range<usize>,
+}
+
+struct Scanned {
+    with_limits: HashSet<String>,
+    elements: Vec<Element>,
+}
+
 /// Finds what the parser would report without a name, or fill in silently: elements given
-/// twice in a joint, and which joints have limits.
-fn scan(xml: &str) -> Result<HashSet<String>, UrdfError> {
+/// twice in a joint, which joints have limits, and where everything is.
+fn scan(xml: &str) -> Result<Scanned, UrdfError> {
     let mut reader = quick_xml::Reader::from_str(xml);
-    let mut with_limits = HashSet::new();
+    let mut scanned = Scanned {
+        with_limits: HashSet::new(),
+        elements: Vec::new(),
+    };
     let mut depth = 0_usize;
     let mut joint: Option<(String, HashSet<String>)> = None;
     loop {
+        let begin = position(&reader);
         let event = reader.read_event().map_err(|source| UrdfError::Xml {
             byte: reader.error_position(),
             source,
@@ -80,13 +104,18 @@ fn scan(xml: &str) -> Result<HashSet<String>, UrdfError> {
                 let tag = String::from_utf8_lossy(element.name().as_ref()).into_owned();
                 match (depth, &mut joint) {
                     (1, _) => {
+                        scanned.elements.push(Element {
+                            kind: tag.clone(),
+                            name: attribute_name(element),
+                            bytes: begin..position(&reader),
+                        });
                         joint = (tag == "joint").then(|| (attribute_name(element), HashSet::new()));
                     }
                     (2, Some((name, seen))) => {
                         if tag == "limit" {
-                            with_limits.insert(name.clone());
+                            scanned.with_limits.insert(name.clone());
                         }
-                        if !seen.insert(tag.clone()) {
+                        if ONCE.contains(&tag.as_str()) && !seen.insert(tag.clone()) {
                             return Err(UrdfError::RepeatedElement {
                                 joint: name.clone(),
                                 element: tag,
@@ -99,11 +128,35 @@ fn scan(xml: &str) -> Result<HashSet<String>, UrdfError> {
                     depth += 1;
                 }
             }
-            Event::End(_) => depth = depth.saturating_sub(1),
-            Event::Eof => return Ok(with_limits),
+            Event::End(_) => {
+                depth = depth.saturating_sub(1);
+                if let Some(last) = scanned.elements.last_mut().filter(|_| depth == 1) {
+                    last.bytes.end = position(&reader);
+                }
+            }
+            Event::Eof => return Ok(scanned),
             _ => {}
         }
     }
+}
+
+fn position(reader: &quick_xml::Reader<&[u8]>) -> usize {
+    usize::try_from(reader.buffer_position()).unwrap_or(usize::MAX)
+}
+
+/// The parser's error with the name of the element that it is about: the first that the parser
+/// does not take alone either.
+fn whose_fault(xml: &str, elements: Vec<Element>, error: urdf_rs::UrdfError) -> UrdfError {
+    for Element { kind, name, bytes } in elements {
+        let alone = format!(
+            "<robot name=\"alone\">{}</robot>",
+            xml.get(bytes).unwrap_or_default()
+        );
+        if let Err(source) = urdf_rs::read_from_string(&alone) {
+            return UrdfError::Element { kind, name, source };
+        }
+    }
+    UrdfError::NotUrdf(error)
 }
 
 fn attribute_name(element: &BytesStart<'_>) -> String {
@@ -205,10 +258,14 @@ fn axis(joint: &Joint) -> Result<Vector3<f64>, UrdfError> {
             element: "axis",
         });
     }
-    axis.try_normalize(f64::MIN_POSITIVE)
-        .ok_or_else(|| UrdfError::ZeroAxis {
+    let size = axis.amax();
+    if size == 0.0 {
+        return Err(UrdfError::ZeroAxis {
             joint: joint.name.clone(),
-        })
+        });
+    }
+    // First to a size whose square is a number.
+    Ok((axis / size).normalize())
 }
 
 fn limit(joint: &Joint, given: bool) -> Result<JointLimit, UrdfError> {

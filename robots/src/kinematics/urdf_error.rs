@@ -14,6 +14,16 @@ pub enum UrdfError {
     /// The text is XML, but no URDF.
     #[error("not a URDF: {0}")]
     NotUrdf(#[from] urdf_rs::UrdfError),
+    /// An element of the robot is not as a URDF has it.
+    #[error("{kind} {name}: {source}")]
+    Element {
+        /// `joint`, `link` or what else stands in a robot.
+        kind: String,
+        /// Its name.
+        name: String,
+        /// What the parser says of it.
+        source: urdf_rs::UrdfError,
+    },
     /// A joint has an element twice.
     #[error("joint {joint}: more than one <{element}>")]
     RepeatedElement {
