@@ -163,7 +163,7 @@ fn with(table: &Table, key: &str, last: bool, x: f64) -> Table {
     match slot {
         Value::Integer(i) => *i = x.round() as i64,
         Value::Float(f) => *f = x,
-        other => panic!("{key}: {other:?} is no number"),
+        other => unreachable!("{key}: {other:?} is no number"),
     }
     match value {
         Value::Table(table) => table,
@@ -223,7 +223,7 @@ fn refused_outside(
                         assert!(value.to_bits() == x.to_bits(), "{key}: {value} {x}");
                         assert_eq!((l, h), (*lowest, *highest), "{key}");
                     }
-                    other => panic!("{key} = {x}: {other}"),
+                    other => unreachable!("{key} = {x}: {other}"),
                 }
             }
             for x in [*lowest, *highest] {

@@ -1,7 +1,7 @@
 //! Base motions that no surgeon would make: nothing freezes, hangs or turns into NaN.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use phantom::{Event, Plant, RodPlant, Settings};
+use phantom::{Event, Plant, Settings};
 
 use crate::support::{Dice, Rig, finite};
 
@@ -56,14 +56,6 @@ impl Ride {
             let tip = plant.truth().tip();
             record.jump = record.jump.max((tip - last).norm());
             last = tip;
-            if plant
-                .truth()
-                .events
-                .iter()
-                .any(|e| !matches!(e, Event::Tearing { .. }))
-            {
-                record_line(plant);
-            }
             let has = |f: fn(&Event) -> bool| plant.truth().events.iter().any(f);
             if has(|e| matches!(e, Event::Unconverged { .. })) {
                 record.unconverged += 1;
@@ -88,20 +80,6 @@ impl Ride {
             Vector3::z() * metres,
             Vector3::zeros(),
             metres.abs() / speed,
-        );
-    }
-}
-
-fn record_line(plant: &RodPlant) {
-    if std::env::var("RIDE").is_ok() {
-        let truth = plant.truth();
-        println!(
-            "{:.3} s: depth {:.2} mm, stretch {:.3} mm, work {}, {:?}",
-            truth.stamp.as_secs(),
-            truth.depth * 1e3,
-            truth.max_stretch * 1e3,
-            plant.iterations(),
-            truth.events
         );
     }
 }
@@ -207,10 +185,10 @@ fn ride(settings: &Settings, kind: usize, seed: u64) -> Record {
     ride.record
 }
 
-/// Rides under every motion with `seeds`, and tells what happened.
-fn survive(seeds: &core::ops::Range<u64>) {
+/// Rides under every motion with `seeds`: what happened, and what should not have.
+fn survive(seeds: &core::ops::Range<u64>) -> [Vec<String>; 2] {
     let settings = Settings::preset("harsh").unwrap();
-    let mut bad = Vec::new();
+    let (mut report, mut bad) = (Vec::new(), Vec::new());
     for (kind, motion) in MOTIONS.iter().enumerate() {
         let mut sum = Record::default();
         for seed in seeds.clone() {
@@ -229,32 +207,28 @@ fn survive(seeds: &core::ops::Range<u64>) {
             sum.buckled += record.buckled;
             sum.longest = sum.longest.max(record.longest);
         }
-        println!("{motion}: {sum:?}");
+        report.push(format!(
+            "{motion}: {} steps, unconverged {}, at most {} in a row, tearing {}, buckling {}",
+            sum.steps, sum.unconverged, sum.longest, sum.torn, sum.buckled
+        ));
         if sum.unconverged * 500 > sum.steps {
             bad.push(format!("{motion}: {} of {}", sum.unconverged, sum.steps));
         }
     }
-    assert!(bad.is_empty(), "{}", bad.join("\n"));
+    [report, bad]
 }
 
 #[test]
 fn nothing_freezes_under_nasty_motions() {
-    survive(&(0..2));
+    let [report, bad] = survive(&(0..2));
+    println!("{}", report.join("\n"));
+    assert!(bad.is_empty(), "{}", bad.join("\n"));
 }
 
 #[test]
 #[ignore = "200 runs take minutes"]
 fn nothing_freezes_in_two_hundred_runs() {
-    survive(&(100..125));
-}
-
-/// `RIDE="lateral 106"`: one run, step by step.
-#[test]
-#[ignore = "to look into one run"]
-fn one_ride() {
-    let wanted = std::env::var("RIDE").unwrap_or_else(|_| "lateral 106".to_owned());
-    let (motion, seed) = wanted.split_once(' ').unwrap();
-    let kind = MOTIONS.iter().position(|m| *m == motion).unwrap();
-    let settings = Settings::preset("harsh").unwrap();
-    println!("{:?}", ride(&settings, kind, seed.parse().unwrap()));
+    let [report, bad] = survive(&(100..125));
+    println!("{}", report.join("\n"));
+    assert!(bad.is_empty(), "{}", bad.join("\n"));
 }
