@@ -11,8 +11,11 @@ use crate::needle::RodPlant;
 use crate::plant::Plant;
 use crate::robot::Robot;
 use crate::sensor::FastSensor;
-use crate::settings::{Settings, SettingsError};
+use crate::settings::{Settings, SettingsError, is_pose, placed};
 use crate::truth::Truth;
+
+/// Longest time between two calls of [`Bench::advance_to`] \[s\]: an hour is 108 000 exposures.
+const LONGEST_WAIT: f64 = 3600.0;
 
 /// Where things stand on the bench at the start.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +46,7 @@ pub struct Bench {
     draw: Draw,
     now: Stamp,
     nominal: Transform<World, NeedleBase>,
+    refused: bool,
 }
 
 impl core::fmt::Debug for Bench {
@@ -58,7 +62,7 @@ impl Bench {
     /// A bench over the rod in tissue.
     ///
     /// # Errors
-    /// A setting outside its range.
+    /// A setting outside its range, or a place that is no pose.
     pub fn new(settings: &Settings, setup: &Setup) -> Result<Self, SettingsError> {
         Self::with_plant(settings, setup, |world_from_base| {
             let plant = RodPlant::new(
@@ -75,13 +79,16 @@ impl Bench {
     /// start. Robot and sensors are those of `settings` and the seed.
     ///
     /// # Errors
-    /// A setting outside its range, or the plant's own.
+    /// A setting outside its range, a place that is no pose, or the plant's own.
     pub fn with_plant<E: From<SettingsError>>(
         settings: &Settings,
         setup: &Setup,
         plant: impl FnOnce(&Transform<World, NeedleBase>) -> Result<Box<dyn Plant>, E>,
     ) -> Result<Self, E> {
         settings.validate()?;
+        placed("world_from_phantom", &setup.world_from_phantom)?;
+        placed("world_from_base", setup.world_from_base.isometry())?;
+        placed("left_from_world", setup.left_from_world.isometry())?;
         let draw = Draw::new(settings, setup.seed);
         let robot = Robot::new(settings, &draw, &setup.world_from_base, setup.seed);
         let mut bench = Self {
@@ -94,6 +101,7 @@ impl Bench {
             draw,
             now: Stamp::ZERO,
             nominal: setup.world_from_base,
+            refused: false,
         };
         bench.expose();
         Ok(bench)
@@ -128,9 +136,11 @@ impl Bench {
     }
 
     /// Makes a marker of the tissue that is at `place` in World \[m\] at the last exposure; it
-    /// replaces the one before. It is seen from the next exposure on.
+    /// replaces the one before. It is seen from the next exposure on. A place that is not finite
+    /// is nowhere: there is no marker then.
     pub fn attach_marker(&mut self, place: &Vector3<f64>) {
-        self.marker = Some(self.plant.rest_of(place));
+        let finite = place.iter().all(|x| x.is_finite());
+        self.marker = finite.then(|| self.plant.rest_of(place));
     }
 
     /// True place of the marker in World \[m\] at the last exposure, where there is one.
@@ -143,16 +153,26 @@ impl Bench {
         self.marker_sensor.poll(self.now)
     }
 
+    /// Whether the last call of [`Bench::advance_to`] was refused. A base that leaps too far for
+    /// the plant is not: the plant tells of it, by [`Event::Refused`](crate::Event::Refused).
+    pub const fn refused(&self) -> bool {
+        self.refused
+    }
+
     /// The bench's clock.
     pub const fn now(&self) -> Stamp {
         self.now
     }
 
     /// Moves the bench to `now`, the nominal base reaching `world_from_base` (by the arm's true
-    /// joints) there on a straight screw. Times that run backwards change nothing; `events` of
-    /// the truth are those of the last exposure.
+    /// joints) there on a straight screw. A time that runs backwards or is an hour ahead, and a
+    /// pose that is none, change nothing: [`Bench::refused`] tells. `events` of the truth are
+    /// those of the last exposure.
     pub fn advance_to(&mut self, now: Stamp, world_from_base: &Transform<World, NeedleBase>) {
-        if now < self.now {
+        let wait = now.secs_since(self.now);
+        self.refused =
+            !((0.0..=LONGEST_WAIT).contains(&wait) && is_pose(world_from_base.isometry()));
+        if self.refused {
             return;
         }
         let start = self.now;

@@ -5,7 +5,7 @@ use hal::{Stamp, Transform};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::bench::{Bench, Setup};
-use crate::settings::{Settings, SettingsError};
+use crate::settings::{Settings, SettingsError, within};
 use crate::truth::Truth;
 
 /// Distance of the target ahead of O at the start \[m\] (paper).
@@ -84,7 +84,8 @@ fn default_left_from_world(world_from_phantom: &Isometry3<f64>) -> Transform<Lef
 /// What an uncontrolled insertion missed by.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uncontrolled {
-    /// Distance of the aligned target from the tip axis when O's plane passed it \[m\].
+    /// Distance of the aligned target from the tip axis when O's plane passed it \[m\]; infinite
+    /// where it never did.
     pub aligned: f64,
     /// The same for the target shifted by 1 cm in the nominal bevel direction \[m\].
     pub shifted: f64,
@@ -98,13 +99,14 @@ pub struct Uncontrolled {
 /// `period` is the plant's step \[s\], `speed` the insertion's \[m/s\].
 ///
 /// # Errors
-/// A setting outside its range.
+/// A setting outside its range, or a speed that is not from 1e-4 to 0.1 m/s.
 pub fn uncontrolled(
     settings: &Settings,
     seed: u64,
     speed: f64,
     period: f64,
 ) -> Result<Uncontrolled, SettingsError> {
+    within("speed", speed, 1e-4, 0.1)?;
     let mut settings = settings.clone();
     settings.sensor.rate_hz = 1.0 / period;
     let setup = default_setup(&settings, seed);
@@ -127,7 +129,7 @@ pub fn uncontrolled(
     let shifted = aligned - start.rotation * Vector3::y() * TARGET_SHIFT;
     let mut passings = [Passing::new(aligned), Passing::new(shifted)];
     let longest = pre_insertion + TARGET_DISTANCE + 3.0 * TARGET_SHIFT;
-    let mut score = [f64::NAN; 2];
+    let mut score = [f64::INFINITY; 2];
     loop {
         let inserted = advance(&mut bench);
         let mut passed = true;

@@ -16,7 +16,7 @@ use crate::path::CutPath;
 use crate::plant::Plant;
 use crate::resistance::Resistance;
 use crate::rod::{Rod, Section};
-use crate::settings::{Settings, SettingsError};
+use crate::settings::{Settings, SettingsError, is_pose, placed};
 use crate::skin::Skin;
 use crate::tissue::Tissue;
 use crate::truth::{Event, Truth};
@@ -87,7 +87,7 @@ impl RodPlant {
     /// is already below the surface has cut its way there straight.
     ///
     /// # Errors
-    /// A setting outside its range.
+    /// A setting outside its range, or a place that is no pose.
     pub fn new(
         settings: &Settings,
         world_from_phantom: &Isometry3<f64>,
@@ -95,6 +95,8 @@ impl RodPlant {
         seed: u64,
     ) -> Result<Self, SettingsError> {
         settings.validate()?;
+        placed("world_from_phantom", world_from_phantom)?;
+        placed("world_from_base", world_from_base.isometry())?;
         let draw = Draw::new(settings, seed);
         let tissue = Tissue::new(settings, &draw, seed);
         let n = &settings.needle;
@@ -215,8 +217,9 @@ impl RodPlant {
                 held: !sound,
             });
         }
-        // What gives way under load does so even there: it is the way back to balance.
-        if found || sound && jump < LARGEST_JUMP {
+        // What gives way under load does so even there, or where the needle was held: it is the
+        // way back to balance. A shape that just leapt out of balance is left a chance first.
+        if found || !sound || jump < LARGEST_JUMP {
             self.age(dt);
             self.skin.yield_to_shaft(&self.placement);
         }
@@ -258,7 +261,7 @@ impl Plant for RodPlant {
         let way = (pose.translation.vector - from.translation.vector).norm();
         let turn = from.rotation.angle_to(&pose.rotation);
         let dt = stamp.secs_since(self.truth.stamp);
-        if !(way.is_finite() && turn.is_finite() && way < FARTHEST_JUMP && dt >= 0.0) {
+        if !(is_pose(world_from_base.isometry()) && way < FARTHEST_JUMP && dt >= 0.0) {
             self.report(Event::Refused);
             return;
         }
@@ -302,6 +305,11 @@ impl Plant for RodPlant {
     }
 
     fn reset(&mut self, world_from_base: &Transform<World, NeedleBase>) {
+        if !is_pose(world_from_base.isometry()) {
+            self.truth.events.clear();
+            self.report(Event::Refused);
+            return;
+        }
         let n = &self.settings.needle;
         let length = n.length_mm * 1e-3;
         self.pose = self.world_from_phantom.inverse() * world_from_base.isometry();

@@ -21,7 +21,7 @@ use super::renderer::Renderer;
 use super::settings::CameraSettings;
 use super::view::View;
 use crate::NeedleView;
-use crate::settings::SettingsError;
+use crate::settings::{SettingsError, placed};
 
 /// A rig that cannot be built.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -69,13 +69,15 @@ impl StereoRig {
     /// Builds the rig before a phantom at `world_from_phantom` (z into the gel).
     ///
     /// # Errors
-    /// A setting is outside its range, or the calibration's views do not determine it.
+    /// A setting is outside its range, the phantom stands nowhere, or the calibration's views do
+    /// not determine it.
     pub fn new(
         settings: &CameraSettings,
         world_from_phantom: &Isometry3<f64>,
         seed: u64,
     ) -> Result<Self, RigError> {
         settings.validate()?;
+        placed("world_from_phantom", world_from_phantom)?;
         let truth = geometry::true_parameters(settings, world_from_phantom);
         for (camera, lens) in [("left", &truth.left), ("right", &truth.right)] {
             if !lens.unfolded(settings.width_px, settings.height_px) {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub use preset::PRESETS;
 pub(crate) use preset::merge;
 pub use validate::SettingsError;
-pub(crate) use validate::within;
+pub(crate) use validate::{is_pose, placed, within};
 
 /// Everything about the simulated needle, tissue, fast sensor and robot, but the cameras.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -1,5 +1,7 @@
 //! Physical ranges of the settings.
 
+use nalgebra::Isometry3;
+
 use super::Settings;
 
 /// A preset or a setting that cannot be simulated.
@@ -25,6 +27,12 @@ pub enum SettingsError {
         /// What must hold.
         expected: &'static str,
     },
+    /// A place in the laboratory that is none.
+    #[error("{key}: must be a finite pose within {} m of the origin", FARTHEST)]
+    Pose {
+        /// What should stand there.
+        key: &'static str,
+    },
     /// No such preset.
     #[error("no preset `{name}`; there are ideal, paper, paper-compliant, harsh")]
     UnknownPreset {
@@ -34,6 +42,25 @@ pub enum SettingsError {
     /// Text or keys that do not make settings.
     #[error("settings: {0}")]
     Syntax(#[from] toml::de::Error),
+}
+
+/// Farthest place in the laboratory \[m\]: there a double still resolves 1e-14 m.
+const FARTHEST: f64 = 100.0;
+
+/// Whether `pose` is finite, within the laboratory, and its quaternion of unit length.
+pub(crate) fn is_pose(pose: &Isometry3<f64>) -> bool {
+    let unit = pose.rotation.quaternion().norm_squared();
+    // Written so that NaN is refused.
+    pose.translation.vector.norm() <= FARTHEST && (unit - 1.0).abs() < 1e-6
+}
+
+/// Refuses what is no pose.
+pub(crate) fn placed(key: &'static str, pose: &Isometry3<f64>) -> Result<(), SettingsError> {
+    if is_pose(pose) {
+        Ok(())
+    } else {
+        Err(SettingsError::Pose { key })
+    }
 }
 
 /// NaN is outside every range.

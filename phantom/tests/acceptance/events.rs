@@ -2,29 +2,16 @@
 
 use hal::{Stamp, Transform};
 use nalgebra::{Isometry3, Vector3};
-use phantom::{Event, Plant, RodPlant, Settings, SettingsError};
+use phantom::{Event, Plant, Settings, SettingsError};
 
-use crate::support::{Rig, ideal, standing};
-
-fn finite(plant: &RodPlant) -> bool {
-    let truth = plant.truth();
-    truth
-        .needle
-        .centreline
-        .iter()
-        .chain(&truth.cut_path)
-        .chain([&truth.base_wrench.force, &truth.base_wrench.moment])
-        .all(|p| p.iter().all(|x| x.is_finite()))
-        && truth.max_stretch.is_finite()
-        && truth.torsion.is_finite()
-}
+use crate::support::{Rig, finite, ideal, standing};
 
 /// Moves to `pose` and collects the events.
 fn go(rig: &mut Rig, pose: Isometry3<f64>, steps: u32) -> Vec<Event> {
     let mut events = Vec::new();
     rig.go_with(pose, f64::from(steps) * 0.033, steps, |plant, _| {
         events.extend_from_slice(&plant.truth().events);
-        assert!(finite(plant));
+        assert!(finite(plant.truth()));
     });
     events
 }

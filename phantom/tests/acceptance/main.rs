@@ -2,13 +2,17 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail where they stand")]
 
 mod authority;
+mod axial;
 mod bench;
 mod energy;
 mod entry;
 mod events;
+mod flaws;
 mod invariance;
 mod marker;
+mod nonsense;
 mod population;
+mod ranges;
 mod steering;
 mod stress;
 mod support;

@@ -109,3 +109,18 @@ fn a_moving_target_is_scored_where_it_is_when_passed() {
     // Between two states 33 ms apart a marker at 6 mm/s moves by up to 0.2 mm.
     assert!((score.unwrap() - miss).abs() < 0.2e-3, "{score:?} {miss}");
 }
+
+#[test]
+fn tissue_drifts_and_turns_steadily() {
+    let motion = "[motion]\ndrift_mm_min = [3.0, 0.0, 1.5]\nrotation_deg_min = 6";
+    let (truths, _) = watch(&ideal(motion), 0.05);
+    for (stamp, place) in truths {
+        let seconds = stamp.secs_since(Stamp::ZERO);
+        // About the phantom's x axis through the entry; z is down there, y along World's -y.
+        let turned = (0.1 * seconds).to_radians();
+        let drift = Vector3::new(3.0, 0.0, 1.5) * (1e-3 / 60.0 * seconds);
+        let inside = Vector3::new(0.0, -turned.sin(), turned.cos()) * 0.05 + drift;
+        let expected = Vector3::new(0.4 + inside.x, -inside.y, 0.25 - inside.z);
+        assert!((place - expected).norm() < 1e-9, "{place} {expected}");
+    }
+}

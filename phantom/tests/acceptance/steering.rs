@@ -8,10 +8,10 @@ use crate::support::{EI, Rig, ideal};
 
 const GAMMA: f64 = 1.75;
 
-/// A needle long enough for more than four lambda.
-fn long() -> Rig {
-    let settings = ideal("[needle]\nlength_mm = 250\nelements = 500\n[tip]\ncut_angle_deg = 1.75");
-    Rig::new(&settings, 1)
+/// A needle long enough for more than four lambda; `tip` adds to its law.
+fn long(tip: &str) -> Rig {
+    let needle = "[needle]\nlength_mm = 250\nelements = 500\n[tip]\ncut_angle_deg = 1.75";
+    Rig::new(&ideal(&format!("{needle}\n{tip}")), 1)
 }
 
 /// Curvature of the cut path over its last `span` \[m\].
@@ -31,7 +31,7 @@ fn path_curvature(points: &[Vector3<f64>], span: f64) -> f64 {
 
 #[test]
 fn steady_cutting_gives_curvature_2_gamma_over_lambda_and_its_reaction() {
-    let mut rig = long();
+    let mut rig = long("");
     let lambda = (4.0 * EI / 1e4f64).powf(0.25);
     let curvature = 2.0 * GAMMA.to_radians() / lambda;
     let reaction = 2.0 * EI * GAMMA.to_radians() / lambda.powi(2);
@@ -45,6 +45,65 @@ fn steady_cutting_gives_curvature_2_gamma_over_lambda_and_its_reaction() {
     assert!((late - 1.0).abs() < 0.03, "{late}");
     assert!((force - 1.0).abs() < 0.03, "{force}");
     assert!((early - 0.93).abs() < 0.03, "{early}");
+}
+
+#[test]
+fn force_and_moment_on_the_tip_turn_the_path_as_the_law_says() {
+    let lambda = (4.0 * EI / 1e4f64).powf(0.25);
+    let steady = |tip: &str| {
+        let mut rig = long(tip);
+        rig.insert(5.2 * lambda);
+        path_curvature(&rig.truth().cut_path, 0.01)
+    };
+    let plain = steady("");
+    // The steady reaction is 2 EI gamma / lambda^2, so gamma = gamma_0 / (1 + C_t 2 EI / lambda^2).
+    let by_force = steady("compliance_deg_n = 10") / plain;
+    let expected = 1.0 / (1.0 + 10f64.to_radians() * 2.0 * EI / lambda.powi(2));
+    println!("10 deg/N: curvature {by_force:.4} of the stiff tip's, closed form {expected:.4}");
+    assert!((by_force / expected - 1.0).abs() < 0.03, "{by_force}");
+    // The steady moment at a distance x lambda from the cutting edge is
+    // EI 2 gamma / lambda (1 - exp(-x) cos x); the law takes it one bevel length behind O, two
+    // behind the edge.
+    let by_moment = steady("moment_compliance_deg_nm = 1000") / plain;
+    let x = 2.0 * 0.7e-3 / 24f64.to_radians().tan() / lambda;
+    let moment = EI * 2.0 / lambda * (1.0 - (-x).exp() * x.cos());
+    let expected = 1.0 / (1.0 + 1000f64.to_radians() * moment);
+    println!("1 deg/(N mm): curvature {by_moment:.4}, closed form {expected:.4}");
+    // The needle does not bend along its bevel, and moments are known edge by edge.
+    assert!((by_moment / expected - 1.0).abs() < 0.04, "{by_moment}");
+}
+
+/// Directions of the path's end and of the tip 15 mm deep, in the phantom frame.
+fn cut(settings: &phantom::Settings, seed: u64) -> (Vector3<f64>, Vector3<f64>) {
+    let mut rig = Rig::new(settings, seed);
+    rig.insert(0.015);
+    let path = &rig.truth().cut_path;
+    let end = (path[path.len() - 1] - path[path.len() - 3]).normalize();
+    let into_phantom = rig.world_from_phantom.rotation.inverse();
+    (into_phantom * end, rig.direction())
+}
+
+#[test]
+fn the_cut_wanders_as_set() {
+    let runs = 60u32;
+    let noisy = ideal("tip = { cut_angle_deg = 0, direction_noise_deg = 0.1 }");
+    let uneven = ideal("tip = { cut_angle_deg = 1.75, field_cv = 0.15 }");
+    let (mut noise, mut sum, mut squares) = (0.0, 0.0, 0.0);
+    for seed in 0..u64::from(runs) {
+        let (path, tip) = cut(&noisy, seed);
+        noise += (path - tip).norm_squared() / f64::from(2 * runs);
+        let (path, tip) = cut(&uneven, seed);
+        let angle = path.angle(&tip).to_degrees() / GAMMA;
+        sum += angle / f64::from(runs);
+        squares += angle * angle / f64::from(runs);
+    }
+    let noise = noise.sqrt().to_degrees();
+    let cv = (squares - sum * sum).sqrt() / sum;
+    println!("direction noise {noise:.3} deg of 0.1; cut angle {sum:.3} of 1, CV {cv:.3} of 0.15");
+    // Standard errors of 120 and of 60 numbers: 6.5 % and 9 %; of the mean, 2 %.
+    assert!((noise / 0.1 - 1.0).abs() < 0.2, "{noise}");
+    assert!((cv / 0.15 - 1.0).abs() < 0.3, "{cv}");
+    assert!((sum - 1.0).abs() < 0.06, "{sum}");
 }
 
 /// Deflection after 80 mm with the base turning `turns` per millimetre during the fraction

@@ -1,23 +1,9 @@
 //! Base motions that no surgeon would make: nothing freezes, hangs or turns into NaN.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use phantom::{Event, Plant, RodPlant, Settings};
+use phantom::{Event, Plant, Settings};
 
-use crate::support::Rig;
-
-/// Small deterministic generator (`SplitMix64`), uniform in [-1, 1).
-struct Dice(u64);
-
-impl Dice {
-    fn throw(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^= z >> 31;
-        (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-}
+use crate::support::{Dice, Rig, finite};
 
 /// Kinds of motion.
 const MOTIONS: [&str; 8] = [
@@ -44,19 +30,6 @@ struct Record {
     jump: f64,
 }
 
-fn finite(plant: &RodPlant) -> bool {
-    let truth = plant.truth();
-    truth
-        .needle
-        .centreline
-        .iter()
-        .chain(&truth.cut_path)
-        .chain([&truth.base_wrench.force, &truth.base_wrench.moment])
-        .all(|p| p.iter().all(|x| x.is_finite()))
-        && truth.max_stretch.is_finite()
-        && truth.torsion.is_finite()
-}
-
 struct Ride {
     rig: Rig,
     record: Record,
@@ -77,7 +50,7 @@ impl Ride {
         self.rig.go_with(pose, seconds, steps, |plant, _| {
             record.steps += 1;
             record.iterations = plant.iterations();
-            if !finite(plant) {
+            if !finite(plant.truth()) {
                 record.not_finite += 1;
             }
             let tip = plant.truth().tip();
@@ -212,43 +185,50 @@ fn ride(settings: &Settings, kind: usize, seed: u64) -> Record {
     ride.record
 }
 
-/// Rides under every motion with `seeds`; what happened.
-fn survive(seeds: &core::ops::Range<u64>) -> String {
-    let mut report = Vec::new();
+/// Rides under every motion with `seeds`: what happened, and what should not have.
+fn survive(seeds: &core::ops::Range<u64>) -> [Vec<String>; 2] {
     let settings = Settings::preset("harsh").unwrap();
+    let (mut report, mut bad) = (Vec::new(), Vec::new());
     for (kind, motion) in MOTIONS.iter().enumerate() {
-        let (mut steps, mut unconverged, mut torn, mut buckled) = (0, 0, 0, 0);
+        let mut sum = Record::default();
         for seed in seeds.clone() {
             let record = ride(&settings, kind, seed);
-            let name = format!("{motion} {seed}: {record:?}");
-            assert_eq!(record.not_finite, 0, "{name}");
-            // Out of balance for a moment, where the shaft snaps; never for good.
-            assert!(record.longest <= 3, "{name}");
-            // Bounded work: 60 halvings at once, four a call.
-            assert!(record.iterations < 2000 * record.steps, "{name}");
-            steps += record.steps;
-            unconverged += record.unconverged;
-            torn += record.torn;
-            buckled += record.buckled;
+            // Out of balance for a moment, where the shaft snaps; never for good. Bounded work:
+            // 60 halvings at once, four a call.
+            if record.not_finite > 0
+                || record.longest > 3
+                || record.iterations >= 2000 * record.steps
+            {
+                bad.push(format!("{motion} {seed}: {record:?}"));
+            }
+            sum.steps += record.steps;
+            sum.unconverged += record.unconverged;
+            sum.torn += record.torn;
+            sum.buckled += record.buckled;
+            sum.longest = sum.longest.max(record.longest);
         }
         report.push(format!(
-            "{motion}: {steps} steps, unconverged {unconverged}, tearing {torn}, buckling {buckled}"
+            "{motion}: {} steps, unconverged {}, at most {} in a row, tearing {}, buckling {}",
+            sum.steps, sum.unconverged, sum.longest, sum.torn, sum.buckled
         ));
-        assert!(
-            unconverged * 500 <= steps,
-            "{motion}: {unconverged} of {steps}"
-        );
+        if sum.unconverged * 500 > sum.steps {
+            bad.push(format!("{motion}: {} of {}", sum.unconverged, sum.steps));
+        }
     }
-    report.join("\n")
+    [report, bad]
 }
 
 #[test]
 fn nothing_freezes_under_nasty_motions() {
-    println!("{}", survive(&(0..2)));
+    let [report, bad] = survive(&(0..2));
+    println!("{}", report.join("\n"));
+    assert!(bad.is_empty(), "{}", bad.join("\n"));
 }
 
 #[test]
 #[ignore = "200 runs take minutes"]
 fn nothing_freezes_in_two_hundred_runs() {
-    println!("{}", survive(&(100..125)));
+    let [report, bad] = survive(&(100..125));
+    println!("{}", report.join("\n"));
+    assert!(bad.is_empty(), "{}", bad.join("\n"));
 }

@@ -32,6 +32,49 @@ pub(crate) fn standing() -> Isometry3<f64> {
     )
 }
 
+/// Whether everything of a state is finite.
+pub(crate) fn finite(truth: &Truth) -> bool {
+    let wrench = &truth.base_wrench;
+    let vectors = [
+        wrench.force,
+        wrench.moment,
+        truth.tip_force,
+        truth.entry_force,
+        truth.tip(),
+        truth.direction(),
+    ];
+    let numbers = [
+        truth.max_stretch,
+        truth.mean_stretch,
+        truth.entry_stretch,
+        truth.torsion,
+        truth.depth,
+        truth.needle.entry_arc,
+    ];
+    truth
+        .needle
+        .centreline
+        .iter()
+        .chain(&truth.cut_path)
+        .chain(&vectors)
+        .all(|p| p.iter().all(|x| x.is_finite()))
+        && numbers.iter().all(|x| x.is_finite())
+}
+
+/// Small deterministic generator (`SplitMix64`), uniform in [-1, 1).
+pub(crate) struct Dice(pub(crate) u64);
+
+impl Dice {
+    pub(crate) fn throw(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^= z >> 31;
+        (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+}
+
 impl Rig {
     /// The needle straight above the entry, O on the surface.
     pub(crate) fn new(settings: &Settings, seed: u64) -> Self {

@@ -9,5 +9,6 @@ mod fermat;
 mod lenses;
 mod noises;
 mod scene;
+mod scenery;
 mod settings;
 mod silhouettes;
