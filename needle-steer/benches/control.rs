@@ -46,6 +46,7 @@ impl Observer for Recording {
 fn configuration(law: &str) -> Config {
     let overrides = [
         format!("run.law={law}"),
+        "run.sensor=shape".to_owned(),
         "tissue.spring_spacing_mm=2.15".to_owned(),
     ];
     config::load(None, &overrides).expect("a valid configuration")
@@ -103,7 +104,8 @@ fn control_step(criterion: &mut Criterion) {
 }
 
 fn closed_loop(criterion: &mut Criterion) {
-    let config = Config::default();
+    let config =
+        config::load(None, &["run.sensor=shape".to_owned()]).expect("a valid configuration");
     let seconds = simulate(&config).expect("a run").duration_s;
     let mut group = criterion.benchmark_group("closed_loop");
     group.sample_size(10);

@@ -1,4 +1,5 @@
-//! Tables of laws and of features on the same seeds, with paired intervals, in Markdown.
+//! Tables of laws and of features on the same seeds, with paired intervals, in Markdown; the
+//! fast sensor closes the loop unless `run.sensor=images` is given.
 //!
 //! `cargo run --release -p needle-steer --example comparison -- laws|ablation [FIRST_SEED RUNS [key=value ...]]`
 #![expect(clippy::print_stdout, reason = "an example reports on stdout")]
@@ -34,12 +35,14 @@ fn main() -> ExitCode {
         println!("first seed and runs: expected whole numbers");
         return ExitCode::from(2);
     };
+    let mut common = vec!["run.sensor=shape".to_owned()];
+    common.extend(arguments);
     let comparison = Comparison {
         variants,
         experiments: vec![EXPERIMENTS[1], EXPERIMENTS[3]],
         first_seed,
         runs,
-        common: arguments.collect(),
+        common,
     };
     let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     match comparison.carry_out(jobs, |config| simulate(config).map_err(Failure::from)) {

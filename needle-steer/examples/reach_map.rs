@@ -52,6 +52,7 @@ fn targets(first_seed: u64, seeds: u64) -> Result<Vec<Target>, config::ConfigErr
                         &[
                             format!("run.law={law}"),
                             format!("run.seed={seed}"),
+                            "run.sensor=shape".to_owned(),
                             "run.check_reach=false".to_owned(),
                             "target.kind=shifted".to_owned(),
                             format!("target.offset_mm={offset:?}"),

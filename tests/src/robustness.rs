@@ -55,6 +55,7 @@ fn a_breathing_target_is_met() {
     for (seed, ratio) in [(1000, 0.2), (1001, 0.5)] {
         let mut overrides: Vec<String> = breathing().map(str::to_owned).to_vec();
         overrides.push(format!("run.seed={seed}"));
+        overrides.push("run.sensor=shape".to_owned());
         // What the controller believes of the surface at first may be wrong.
         overrides.push(format!("motion.surface_ratio={ratio}"));
         let summary = simulate(&config::load(None, &overrides).unwrap()).unwrap();
