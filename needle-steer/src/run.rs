@@ -348,11 +348,11 @@ impl<'a> Insertion<'a> {
         Ok(())
     }
 
-    /// Tells the supervisor of an image. On its straight way in and out the needle may be out of
-    /// the cameras' sight.
+    /// Tells the supervisor of an image. On its straight way in and out, and while it stands
+    /// still, the needle may be out of the cameras' sight.
     fn note_image(&mut self, sight: &Sighting) {
         let Some(stamp) = sight.stamp() else { return };
-        let may_hide = matches!(self.phase, Phase::PreInsertion | Phase::Retracting);
+        let may_hide = self.phase != Phase::Steering;
         let problem = match self.cycle.sight() {
             Some(seen) if sight.pair().is_some() && !may_hide => seen.problem(),
             _ => None,
