@@ -1,9 +1,10 @@
 //! Smoke tests of the command line: exit codes, messages, files.
 #![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
 
-use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+
+use serde_json::json;
 
 fn needle_steer(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_needle-steer"))
