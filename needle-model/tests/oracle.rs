@@ -243,8 +243,9 @@ proptest! {
     }
 }
 
-/// A needle that follows a path bent to `slope` at the tip, its base pushed aside.
-fn bent(slope: f64) -> State {
+/// A needle on a path bent to `slope` at the tip in tissue of stiffness `k_t` per length, its base
+/// pushed aside.
+fn bent(slope: f64, k_t: f64) -> State {
     let needle = Needle::biopsy();
     let (count, pitch) = (16, 2.5e-3);
     let depth = pitch * f64::from(count);
@@ -264,7 +265,7 @@ fn bent(slope: f64) -> State {
             };
             Spring {
                 rest,
-                stiffness: 2e4 * pitch,
+                stiffness: k_t * pitch,
             }
         })
         .collect();
@@ -283,8 +284,16 @@ fn bent(slope: f64) -> State {
 #[test]
 fn the_gap_to_the_literal_reading_grows_with_the_slope() {
     let mut gaps = vec![];
-    for slope in [0.05, 0.1, 0.2, 0.4, 0.8] {
-        let state = bent(slope);
+    for (slope, k_t) in [
+        (0.05, 2e4),
+        (0.1, 2e4),
+        (0.2, 2e4),
+        (0.4, 2e4),
+        (0.8, 2e4),
+        (0.8, 2e5),
+        (1.0, 1e6),
+    ] {
+        let state = bent(slope, k_t);
         let needle = solved(&state);
         let (own, change) = dense(&state, Reading::EachInItsPlane, 300);
         assert!(change < 1e-12 && gap(&needle, &own) < 1e-10);

@@ -25,9 +25,9 @@ fn sources(member: &str) -> String {
 fn is_test(text: &str, name: &str) -> bool {
     text.find(&format!("fn {name}(")).is_some_and(|at| {
         text[..at]
+            .trim_end()
             .lines()
             .rev()
-            .skip(1)
             .take_while(|line| line.trim_start().starts_with('#'))
             .any(|line| line.trim() == "#[test]")
     })
