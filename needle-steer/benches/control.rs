@@ -9,8 +9,9 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use hal::frame::LeftCamera;
 use hal::telemetry::{Phase, Telemetry};
-use hal::{ArmState, SensedShape, Stamp};
+use hal::{ArmState, Position, SensedShape, Stamp};
 use needle_steer::config::{self, Config};
 use needle_steer::controls::Controls;
 use needle_steer::cycle::{Cycle, Snapshot};
@@ -25,6 +26,7 @@ const WINDOW: u32 = 150;
 struct Recording {
     steps: Vec<(Stamp, ArmState, Option<SensedShape>, Phase)>,
     springs: usize,
+    target: Option<Position<LeftCamera>>,
 }
 
 impl Observer for Recording {
@@ -39,6 +41,9 @@ impl Observer for Recording {
             last.3 = telemetry.phase;
         }
         self.springs = telemetry.model.spring_points.len();
+        if telemetry.phase == Phase::Steering {
+            self.target = Some(telemetry.target);
+        }
     }
 }
 
@@ -58,6 +63,7 @@ fn window(config: &Config, rig: &Rig, recording: &Recording, first: &ArmState) -
     let begin = recording.steps.len() - WINDOW as usize;
     let mut before = first.stamp;
     let mut elapsed = Duration::ZERO;
+    let mut target = recording.target;
     for (i, (now, arm, shape, phase)) in recording.steps.iter().enumerate() {
         let snapshot = Snapshot {
             now: *now,
@@ -69,6 +75,11 @@ fn window(config: &Config, rig: &Rig, recording: &Recording, first: &ArmState) -
             phase: *phase,
         };
         before = *now;
+        if *phase == Phase::Steering
+            && let Some(target) = target.take()
+        {
+            cycle.set_target(target);
+        }
         let start = Instant::now();
         black_box(cycle.step(black_box(&snapshot)));
         if i >= begin {

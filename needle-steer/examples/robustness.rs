@@ -63,19 +63,18 @@ fn main() -> ExitCode {
     let count: u64 = numbers.next().unwrap_or(1000);
     let cases: Vec<Case> = (first..first + count).map(Case::new).collect();
     let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    println!("case,law,preset,error_mm,estimate_off_mm,longest_off_by_5_mm_s,violations,ended");
+    println!("case,law,preset,error_mm,estimate_off_mm,violations,ended");
     let results = in_parallel(&cases, jobs, |case| {
         let config = case.config().map_err(|e| e.to_string())?;
         let outcome = carry_out(&config).map_err(|e| e.to_string())?;
         // As it goes: a campaign takes long.
         println!(
-            "{},{},{},{:.4},{:.3},{:.2},{},{}",
+            "{},{},{},{:.4},{:.3},{},{}",
             case.index,
             config.run.law,
             config.run.phantom,
             outcome.error_mm,
             outcome.estimate_off_mm,
-            outcome.lost_s,
             outcome.violations.len(),
             outcome.ended,
         );
