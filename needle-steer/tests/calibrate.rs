@@ -24,6 +24,7 @@ fn folder(name: &str) -> PathBuf {
 
 fn calibrate(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+        .current_dir(env!("CARGO_TARGET_TMPDIR"))
         .arg("calibrate")
         .args(arguments)
         .output()

@@ -146,6 +146,7 @@ impl Film {
 
     fn track_files(&self, left: &[String], right: &[String], out: &str, more: &[&str]) -> Output {
         Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+            .current_dir(env!("CARGO_TARGET_TMPDIR"))
             .args(["track", "--out", &self.path(out), "--left"])
             .args(left)
             .arg("--right")

@@ -8,11 +8,12 @@ use nalgebra::{
     DMatrix, Isometry3, Matrix2, Matrix3, Point2, Point3, SVector, Translation3, UnitQuaternion,
     Vector3,
 };
+use needle_steer::cameras::calibrated;
 use phantom::camera as truth;
 use vision::calibrate::{
     Board, BoardPair, RejectReason, Rejected, StereoCalibration, StereoOptions, calibrate_stereo,
 };
-use vision::camera::{Camera, Container, DistortedPx, Distortion, FlatWindow, triangulate};
+use vision::camera::{DistortedPx, triangulate};
 use vision::detect::{BoardSize, RefineOptions, detect_board};
 use vision::register::{RecordedPose, Registration, RegistrationOptions, Target, register};
 
@@ -32,38 +33,6 @@ fn settings() -> truth::CameraSettings {
     // A perfect laboratory: `given` is not used here.
     s.calibration.corner_sigma_px = 0.0;
     s
-}
-
-/// The true rig in the terms of `vision`.
-fn true_rig(p: &truth::RigParameters) -> vision::StereoRig {
-    let camera = |lens: &truth::Lens| Camera {
-        width: p.width_px,
-        height: p.height_px,
-        fx: lens.fx,
-        fy: lens.fy,
-        cx: lens.cx,
-        cy: lens.cy,
-        distortion: Distortion::from_array(lens.distortion),
-    };
-    let window = |plane: &truth::Plane, camera_from_left: &Isometry3<f64>| {
-        let normal = camera_from_left.rotation * -plane.normal;
-        FlatWindow {
-            normal,
-            distance: (camera_from_left * plane.point.point()).coords.dot(&normal),
-            thickness: p.container.wall_thickness,
-            wall_index: p.container.wall_index,
-            gel_index: p.container.gel_index,
-        }
-    };
-    vision::StereoRig {
-        left: camera(&p.left),
-        right: camera(&p.right),
-        right_from_left: p.right_from_left,
-        container: Some(Container {
-            left: window(&p.container.left_wall, &Isometry3::identity()),
-            right: window(&p.container.right_wall, p.right_from_left.isometry()),
-        }),
-    }
 }
 
 /// Photographs boards and finds their corners; pairs without a whole board are set aside.
@@ -124,7 +93,7 @@ struct Trial {
 fn trial(seed: u64) -> Trial {
     let mut rig = truth::StereoRig::new(&settings(), &world_from_phantom(), seed).unwrap();
     let parameters = rig.truth().clone();
-    let known = true_rig(&parameters);
+    let known = calibrated(&parameters);
     let views = 20;
     let boards = truth::calibration_boards(&parameters, views, seed);
     let square = boards[0].square;
@@ -290,7 +259,7 @@ fn alignment(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Isometry3<f64> {
 #[test]
 fn refraction_agrees_with_the_phantoms_and_matters() {
     let rig = truth::StereoRig::new(&settings(), &world_from_phantom(), 1).unwrap();
-    let known = true_rig(rig.truth());
+    let known = calibrated(rig.truth());
     let (with, with_max) = through_gel(rig.truth(), &known).whole;
     let ignored = through_gel(rig.truth(), &known.with_container(None));
     let (without, without_max) = ignored.whole;

@@ -13,7 +13,7 @@ mod needle_pictures;
 use hal::telemetry::Tracking;
 use needle_pictures::{Needle, Scene, rig};
 use vision::camera::DistortedPx;
-use vision::track::{Appearance, Context, FrameError, StereoTracker, TrackSettings};
+use vision::track::{Appearance, Context, StereoTracker, TrackSettings};
 
 const BEVEL: f64 = 1.57e-3;
 
@@ -111,9 +111,8 @@ fn nominal_scenes_are_followed_to_a_tenth_of_a_pixel() {
         40,
     );
     assert_eq!(missed, 0);
-    // Measured: 0.119 px, 0.019 mm, nearly all of it along the axis: this renderer and the
-    // tracker differ about how far the rim of a flat end stands out.
-    assert!(px <= 0.12 && mm <= 0.03, "{px} px, {mm} mm");
+    // Measured: 0.061 px, 0.008 mm.
+    assert!(px <= 0.08 && mm <= 0.03, "{px} px, {mm} mm");
     // These pictures have no highlights and little noise, for which the tracker allows.
     assert!((0.05..2.0).contains(&nees), "{nees}");
 }
@@ -172,112 +171,4 @@ fn starts_by_itself_and_by_clicks() {
             assert!(e < 0.15e-3, "{e}");
         }
     }
-}
-
-#[test]
-fn blank_frames_are_named_noticed_and_survived() {
-    let scene = Scene::new(rig(640), 5);
-    let mut needle = Needle::bent(0.045, 0.0, 0.3);
-    let mut tracker = tracker(&scene, 0.0);
-    let step = 0.05e-3;
-    let mut lost_at = None;
-    for k in 0..20_u64 {
-        let context = Context {
-            insertion: Some(step),
-            ..Context::default()
-        };
-        if (8..13).contains(&k) {
-            let blank = scene.blank(k);
-            let error = tracker.track(&blank, &context).unwrap_err();
-            assert!(
-                matches!(error, FrameError::Blank { side: "left", .. }),
-                "{error}"
-            );
-            if tracker.tracked().status == Tracking::Lost {
-                lost_at.get_or_insert(k);
-            }
-        } else {
-            let pair = scene.pair(&needle, k);
-            let status = tracker.track(&pair, &context).unwrap().status;
-            // The first pair after the gap must do.
-            assert_eq!(
-                status,
-                Tracking::Tracked,
-                "{k}: {:?}",
-                tracker.tracked().loss
-            );
-        }
-        needle.depth += step;
-    }
-    assert_eq!(lost_at, Some(10));
-}
-
-#[test]
-fn a_pair_without_a_needle_is_lost_within_three() {
-    let scene = Scene::new(rig(640), 6);
-    let needle = Needle::bent(0.045, 0.0, 0.3);
-    let mut tracker = tracker(&scene, 0.0);
-    tracker
-        .track(&scene.pair(&needle, 0), &Context::default())
-        .unwrap();
-    for k in 1..=3 {
-        let t = tracker.track(&scene.empty(k), &Context::default()).unwrap();
-        assert!(t.loss.is_some() && t.status != Tracking::Tracked);
-        assert_eq!(t.status == Tracking::Lost, k == 3);
-    }
-}
-
-#[test]
-fn a_tip_that_jumps_is_found_again_within_three() {
-    let scene = Scene::new(rig(640), 7);
-    for jump in [3e-3, -3e-3] {
-        let mut needle = Needle::bent(0.045, 0.0, 0.3);
-        let mut tracker = tracker(&scene, 0.0);
-        let context = Context {
-            insertion: Some(0.0),
-            ..Context::default()
-        };
-        for k in 0..12 {
-            if k == 5 {
-                needle.depth += jump;
-            }
-            let t = tracker.track(&scene.pair(&needle, k), &context).unwrap();
-            let e = (t.shape.tip.position.coords() - needle.point(needle.depth)).norm();
-            println!("jump {jump}: {k} {:?} {:.3} mm", t.status, e * 1e3);
-            if !(5..8).contains(&k) {
-                assert!(e < 0.1e-3, "{k}: {e}");
-            }
-        }
-    }
-}
-
-#[test]
-fn pairs_that_do_not_fit_are_named() {
-    let scene = Scene::new(rig(640), 8);
-    let mut tracker = tracker(&scene, 0.0);
-    let needle = Needle::bent(0.045, 0.0, 0.3);
-    let mut pair = scene.pair(&needle, 5);
-    pair.right.stamp = hal::Stamp::from_secs(1.0);
-    let e = tracker.track(&pair, &Context::default()).unwrap_err();
-    assert!(matches!(e, FrameError::Apart { .. }));
-    let other = Scene::new(rig(1280), 8).pair(&needle, 5);
-    let e = tracker.track(&other, &Context::default()).unwrap_err();
-    assert!(matches!(
-        e,
-        FrameError::Size {
-            side: "left",
-            width: 1280,
-            ..
-        }
-    ));
-    let bad = TrackSettings {
-        blur_px: f64::NAN,
-        ..TrackSettings::default()
-    };
-    let needle = Appearance {
-        diameter: 0.7e-3,
-        bevel_length: 0.0,
-    };
-    let e = StereoTracker::new(&scene.rig, needle, &bad).unwrap_err();
-    assert_eq!(e.key, "blur_px");
 }

@@ -17,6 +17,8 @@ const UNSEEN: f32 = 200.0;
 const DARK: f32 = 24.0;
 /// Darker than this, relative to the background, may be a needle.
 const NO_NEEDLE: f32 = 0.8;
+/// A background darker than this, relative to its surroundings, hides a needle.
+const HIDDEN: f32 = 0.6;
 /// Images after which a pixel's mean changes no more quickly.
 const MEMORY: u32 = 32;
 
@@ -50,6 +52,18 @@ impl Background {
     pub(super) fn clear(&mut self) {
         self.grey.fill(UNSEEN);
         self.images = 0;
+    }
+
+    /// Whether the background at `p` is so much darker than `aside` of it that a needle would
+    /// not show.
+    pub(super) fn hides(&self, p: Vector2<f64>, aside: Vector2<f64>) -> bool {
+        let at = |p| self.at(p).unwrap_or(UNSEEN);
+        at(p) < HIDDEN * 0.5 * (at(p + aside) + at(p - aside))
+    }
+
+    /// Whether `image` is of the size of the background.
+    pub(super) fn fits(&self, image: &GrayImage) -> bool {
+        (image.width(), image.height()) == (self.width, self.height)
     }
 
     pub(super) const fn images(&self) -> u32 {
@@ -108,6 +122,17 @@ impl Background {
         }
     }
 
+    /// Brightness of a row of the image relative to the background: 1 where that is dark.
+    pub(super) fn relative_row(&self, image: &GrayImage, y: usize) -> impl Iterator<Item = f32> {
+        let row = y * self.width..(y + 1) * self.width;
+        let mean = self.grey.get(row.clone()).unwrap_or_default();
+        let seen = image.pixels().get(row).unwrap_or_default();
+        seen.iter().zip(mean).map(|(grey, mean)| {
+            let ratio = f32::from(*grey) / mean;
+            if *mean > DARK { ratio } else { 1.0 }
+        })
+    }
+
     fn cell(&self, p: Vector2<f64>) -> Option<Cell> {
         let inside = p.x >= 0.0
             && p.y >= 0.0
@@ -154,6 +179,43 @@ impl Background {
         );
         let mean = self.mean(cell)?;
         (mean > DARK).then_some(grey / mean)
+    }
+}
+
+impl Background {
+    /// Brightness relative to the background at each pixel's distance from `origin` along
+    /// `direction` (unit); `None` where [`Self::brightness`] has one.
+    #[inline]
+    pub(super) fn line(
+        &self,
+        image: &GrayImage,
+        origin: Vector2<f64>,
+        direction: Vector2<f64>,
+        samples: &mut [f32],
+    ) -> Option<()> {
+        // The image is convex: with both ends all of the line lies in it.
+        let end = origin + direction * samples.len().saturating_sub(1) as f64;
+        self.cell(origin)?;
+        self.cell(end)?;
+        let below = self.width;
+        let mut darkest = f32::INFINITY;
+        for (k, sample) in samples.iter_mut().enumerate() {
+            let p = origin + direction * k as f64;
+            // Rounding may lead a hair outside, where the nearest cell does.
+            let (x, y) = (p.x.max(0.0) as usize, p.y.max(0.0) as usize);
+            let cell = Cell {
+                index: y * below + x,
+                x: (p.x - x as f64) as f32,
+                y: (p.y - y as f64) as f32,
+            };
+            let seen = image.pixels().get(cell.index..cell.index + below + 2)?;
+            let mean = self.grey.get(cell.index..cell.index + below + 2)?;
+            let grey = |i: usize| f32::from(seen[i]);
+            let mean = cell.blend(mean[0], mean[1], mean[below], mean[below + 1]);
+            *sample = cell.blend(grey(0), grey(1), grey(below), grey(below + 1)) / mean;
+            darkest = darkest.min(mean);
+        }
+        (darkest > DARK).then_some(())
     }
 }
 

@@ -42,6 +42,11 @@ pub(super) fn slopes(n: usize, t: f64) -> Weights {
     out
 }
 
+/// The direction square to `tangent`, a quarter turn from x towards y.
+pub(super) fn normal(tangent: &Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(-tangent.y, tangent.x)
+}
+
 /// A curve in one image: from where the needle comes into sight (parameter 0) to the tip O
 /// (parameter 1).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! The Kalman filter over a curve's control points and the speed of the tip.
 
-use nalgebra::{SMatrix, SVector, Vector2};
+use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector2};
 
 use super::curve::{Curve2, MOST, Weights, slopes, weights};
 
@@ -9,7 +9,8 @@ use super::curve::{Curve2, MOST, Weights, slopes, weights};
 const STATES: usize = 2 * MOST + 1;
 const SPEED: usize = 2 * MOST;
 
-type State = SVector<f64, STATES>;
+/// Of the filter.
+pub(super) type State = SVector<f64, STATES>;
 type Covariance = SMatrix<f64, STATES, STATES>;
 
 /// Curve, tip speed and their covariance.
@@ -20,12 +21,11 @@ pub(super) struct CurveFilter {
     covariance: Covariance,
     /// Information form during an update.
     information: Covariance,
-    pull: State,
 }
 
 /// What is known of a curve's change between two images.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Change {
+pub struct Change {
     /// Time since \[s\].
     pub dt: f64,
     /// Parameter at which the new curve starts on the old one.
@@ -51,6 +51,14 @@ pub(super) struct Offset {
     pub variance: f64,
 }
 
+/// What measurements say of the state.
+pub(super) struct Solution {
+    /// Change of the state.
+    pub change: State,
+    /// Of the information matrix.
+    factor: Cholesky<f64, Const<STATES>>,
+}
+
 impl CurveFilter {
     /// A curve known up to smooth deformations: shifts of its ends by `loose` \[px\], bends in
     /// proportion to its length.
@@ -70,7 +78,6 @@ impl CurveFilter {
             state,
             covariance,
             information: Covariance::zeros(),
-            pull: State::zeros(),
         };
         let length = curve.length();
         filter.loosen(&[
@@ -112,9 +119,10 @@ impl CurveFilter {
         Curve2::new(self.count, points)
     }
 
-    /// Speed of the tip along the curve \[px/s\].
-    pub(super) fn speed(&self) -> f64 {
-        self.state[SPEED]
+    /// Speed of the tip along the curve, and its standard deviation \[px/s\].
+    pub(super) fn speed(&self) -> (f64, f64) {
+        let variance = self.covariance[(SPEED, SPEED)];
+        (self.state[SPEED], variance.max(0.0).sqrt())
     }
 
     /// Carries the state on to the next image: the curve grows at its tip, starts where it now
@@ -193,21 +201,20 @@ impl CurveFilter {
             return false;
         };
         self.information = cholesky.inverse();
-        self.pull = State::zeros();
         true
     }
 
-    /// Adds measurements, each weighted, to `base` (of [`Self::begin`]) and solves; answers the
-    /// change of the state. The filter itself stays as it is.
-    pub(super) fn solve(&self, offsets: &[Offset], shares: &[f64]) -> Option<(State, Covariance)> {
+    /// Adds measurements to what [`Self::begin`] prepared and solves: each by its share, their
+    /// deviations taken as `scale` times what they state. The filter itself stays as it is.
+    pub(super) fn solve(&self, offsets: &[Offset], shares: &[f64], scale: f64) -> Option<Solution> {
         // Of the symmetric sum the lower half is filled, which is what is factored.
         let mut information = self.information;
-        let mut pull = self.pull;
+        let mut pull = State::zeros();
         for (offset, share) in offsets.iter().zip(shares) {
             if *share <= 0.0 {
                 continue;
             }
-            let weight = share / offset.variance;
+            let weight = share / (offset.variance * scale * scale);
             let mut row = [0.0; 2 * MOST];
             for i in 0..self.count {
                 row[2 * i] = offset.weights[i] * offset.direction.x;
@@ -222,14 +229,17 @@ impl CurveFilter {
                 }
             }
         }
-        let cholesky = nalgebra::Cholesky::new(information)?;
-        let covariance = cholesky.inverse();
-        Some((covariance * pull, covariance))
+        let factor = Cholesky::new(information)?;
+        Some(Solution {
+            change: factor.solve(&pull),
+            factor,
+        })
     }
 
     /// Takes a solution over.
-    pub(super) fn accept(&mut self, (change, covariance): (State, Covariance)) {
-        self.state += change;
+    pub(super) fn accept(&mut self, solution: &Solution) {
+        self.state += solution.change;
+        let covariance = solution.factor.inverse();
         self.covariance = 0.5 * (covariance + covariance.transpose());
     }
 

@@ -63,12 +63,8 @@ fn chain(
     scale: f64,
     upright: bool,
 ) -> Option<(f32, Vec<Vector2<f64>>)> {
-    let step = EVERY * scale;
-    let (across, along) = if upright {
-        (image.width(), image.height())
-    } else {
-        (image.height(), image.width())
-    };
+    let every = ((EVERY * scale).round() as usize).max(1);
+    let step = every as f64;
     let point = |at: f64, line: usize| {
         let there = line as f64 * step;
         if upright {
@@ -77,16 +73,15 @@ fn chain(
             Vector2::new(there, at)
         }
     };
-    let lines = (along as f64 / step) as usize;
-    let mut found: Vec<Vec<Band>> = Vec::with_capacity(lines);
-    let mut samples = vec![1.0; across];
-    for line in 0..lines {
-        for (k, sample) in samples.iter_mut().enumerate() {
-            *sample = background
-                .brightness(image, point(k as f64, line))
-                .unwrap_or(1.0);
-        }
-        let mut bands = bands(&samples, width);
+    let scanned = if upright {
+        rows(image, background, every)
+    } else {
+        columns(image, background, every)
+    };
+    let mut found: Vec<Vec<Band>> = Vec::with_capacity(scanned.lines());
+    let mut scratch = Scratch::default();
+    for (line, samples) in scanned.iter().enumerate() {
+        let mut bands = bands(samples, width, &mut scratch);
         for band in &mut bands {
             link(band, line, &found, step);
         }
@@ -111,29 +106,74 @@ fn chain(
     (points.len() >= 4).then_some((score, points))
 }
 
+/// Relative brightness along parallel lines of an image.
+struct Scanned {
+    samples: Vec<f32>,
+    across: usize,
+}
+
+impl Scanned {
+    fn lines(&self) -> usize {
+        self.samples.len() / self.across.max(1)
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &[f32]> {
+        self.samples.chunks_exact(self.across.max(1))
+    }
+}
+
+/// Every `every`th row.
+fn rows(image: &GrayImage, background: &Background, every: usize) -> Scanned {
+    let (width, lines) = (image.width(), image.height() / every);
+    let mut samples = Vec::with_capacity(width * lines);
+    for line in 0..lines {
+        samples.extend(background.relative_row(image, line * every));
+    }
+    Scanned {
+        samples,
+        across: width,
+    }
+}
+
+/// Every `every`th column. Rows are gone through, as images lie in memory.
+fn columns(image: &GrayImage, background: &Background, every: usize) -> Scanned {
+    let (height, lines) = (image.height(), image.width() / every);
+    let mut samples = vec![1.0; height * lines];
+    for y in 0..height {
+        let row = background.relative_row(image, y).step_by(every);
+        let there = samples.get_mut(y..).unwrap_or_default();
+        for (sample, brightness) in there.iter_mut().step_by(height).zip(row) {
+            *sample = brightness;
+        }
+    }
+    Scanned {
+        samples,
+        across: height,
+    }
+}
+
+/// Working memory of [`bands`].
+#[derive(Default)]
+struct Scratch {
+    sums: Vec<f32>,
+    response: Vec<f32>,
+}
+
 /// Dark bands of about `width` in one line.
-fn bands(samples: &[f32], width: f64) -> Vec<Band> {
+fn bands(samples: &[f32], width: f64, scratch: &mut Scratch) -> Vec<Band> {
     let inner = width.round().max(2.0) as usize;
     let side = inner.max(3);
-    let sum = |from: usize, to: usize| samples.get(from..to).map_or(0.0, |s| s.iter().sum::<f32>());
-    let response = |k: usize| -> f32 {
-        // Side, a gap of one, the band, a gap of one, side.
-        let band = k + side + 1;
-        let far = band + inner + 1;
-        let even = (sum(k, k + side) + sum(far, far + side)) / (2 * side) as f32;
-        let uneven = (sum(k, k + side) - sum(far, far + side)).abs() / side as f32;
-        let dark = even - sum(band, band + inner) / inner as f32;
-        dark - uneven
-    };
+    // Side, a gap of one, the band, a gap of one, side.
     let total = 2 * side + 2 + inner;
     let Some(last) = samples.len().checked_sub(total) else {
         return Vec::new();
     };
+    scratch.respond(samples, inner, side, last + 1);
+    let response = scratch.response.as_slice();
     let mut bands = Vec::new();
     let mut previous = 0.0;
-    let mut here = response(0);
-    for k in 0..last {
-        let next = response(k + 1);
+    for (k, pair) in response.windows(2).enumerate() {
+        let [here, next] = *pair else { continue };
         if here > FAINT && here >= previous && here > next {
             let middle = (k + side + 1) as f64 + 0.5 * (inner - 1) as f64;
             bands.push(Band {
@@ -144,11 +184,40 @@ fn bands(samples: &[f32], width: f64) -> Vec<Band> {
                 before: None,
             });
         }
-        (previous, here) = (here, next);
+        previous = here;
     }
     bands.sort_by(|a, b| b.darkness.total_cmp(&a.darkness));
     bands.truncate(BANDS);
     bands
+}
+
+impl Scratch {
+    /// How much darker than both its sides, and these how uneven, each window is.
+    fn respond(&mut self, samples: &[f32], inner: usize, side: usize, count: usize) {
+        self.sums.clear();
+        // Less one, so that sums stay small and exact enough.
+        let mut sum = 0.0;
+        self.sums.push(sum);
+        self.sums.extend(samples.iter().map(|sample| {
+            sum += sample - 1.0;
+            sum
+        }));
+        let band = side + 1;
+        let far = band + inner + 1;
+        let from = |start: usize| self.sums.get(start..start + count).unwrap_or_default();
+        let ends = [0, side, band, band + inner, far, far + side].map(from);
+        let [l0, l1, b0, b1, r0, r1] = ends;
+        let (per_side, per_band) = (1.0 / side as f32, 1.0 / inner as f32);
+        self.response.clear();
+        let left = l0.iter().zip(l1).map(|(a, b)| b - a);
+        let middle = b0.iter().zip(b1).map(|(a, b)| b - a);
+        let right = r0.iter().zip(r1).map(|(a, b)| b - a);
+        self.response
+            .extend(left.zip(middle).zip(right).map(|((left, middle), right)| {
+                let even = 0.5 * (left + right) - (left - right).abs();
+                even * per_side - middle * per_band
+            }));
+    }
 }
 
 /// Joins a band to the best chain in the lines before.

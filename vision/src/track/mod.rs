@@ -22,9 +22,10 @@ mod tip;
 
 pub use answer::{Context, Loss, Tracked};
 pub use curve::Curve2;
+pub use filter::Change;
 pub use frames::FrameError;
 pub use settings::{Appearance, TrackSettings, TrackSettingsError};
-pub use single::Flaw;
+pub use single::{Flaw, ImageTracker, Look};
 
 use hal::telemetry::Tracking;
 use hal::{GrayImage, Position, SensedPoint, SensedTip, Stamp, StereoFrame};
@@ -33,10 +34,8 @@ use nalgebra::{Matrix2, Point3, Unit, Vector2, Vector3};
 use crate::camera::{DistortedPx, StereoRig, View, triangulate};
 use answer::{POINTS, unseen};
 use curve::MOST;
-use filter::Change;
 use geometry::{base_shifts, resembles, scene};
-use single::{ImageTracker, Look};
-use space::Curve3;
+use space::{Curve3, Lasting};
 
 /// Disagreement of the two tips along the needle beyond which they are not of one needle \[px\],
 /// in images 640 wide; calibrations of careful laboratories stay below a pixel.
@@ -79,7 +78,7 @@ impl StereoTracker {
             settings: settings.clone(),
             needle,
             scene: scene(&views),
-            images: [image(&views[0]), image(&views[1])],
+            images: [image(&views[0])?, image(&views[1])?],
             views,
             curve: None,
             clicked: None,
@@ -123,7 +122,9 @@ impl StereoTracker {
         context: &Context<'_>,
     ) -> Result<&Tracked, FrameError> {
         let stamp = pair.left.stamp;
-        let dt = self.last.map_or(0.0, |last| stamp.secs_since(last));
+        let dt = self
+            .last
+            .map_or(0.0, |last| stamp.secs_since(last).max(0.0));
         let checked = frames::fits(pair, &self.views);
         if !matches!(checked, Err(FrameError::Size { .. })) {
             self.last = Some(stamp);
@@ -133,35 +134,38 @@ impl StereoTracker {
             return Err(error);
         }
         let images = [pair.left.image.as_ref(), pair.right.image.as_ref()];
-        let outcome = if self.curve.is_some() {
+        let mut shows = Ok(());
+        let known = self.curve.is_some();
+        let outcome = if known {
             self.follow(images, dt, context)
         } else {
-            self.start(images, context)
+            Err(Loss::NotFound)
         };
-        let outcome = match outcome {
-            Err(loss) if self.give_up() => {
+        let outcome = outcome.or_else(|loss| {
+            shows = frames::shows(pair);
+            let gone = !known || self.give_up();
+            if gone {
                 self.forget_needle();
-                // The same pair may show where the needle is now.
-                self.start(images, context).map_err(|_| loss)
             }
-            other => other,
-        };
+            if gone && shows.is_ok() {
+                // The same pair may show where the needle is now.
+                let started = self.start(images, context);
+                started.map_err(|why| if known { loss } else { why })
+            } else {
+                Err(loss)
+            }
+        });
         self.report(pair, context, outcome.err());
-        if outcome.is_err() {
-            frames::shows(pair)?;
-        }
-        Ok(&self.tracked)
+        shows.map(|()| &self.tracked)
     }
 
     fn give_up(&mut self) -> bool {
-        let started = self.curve.is_some();
-        started && {
-            self.losses += 1;
-            self.losses >= self.settings.lost_after
-        }
+        self.losses += 1;
+        self.losses >= self.settings.lost_after
     }
 
-    fn forget_needle(&mut self) {
+    /// Forgets the needle, not the background: it is sought again in the next pair.
+    pub fn forget_needle(&mut self) {
         for image in &mut self.images {
             image.drop_needle();
         }
@@ -203,10 +207,12 @@ impl StereoTracker {
         };
         let shifts = base_shifts(curve, context.base_motion);
         let axis = curve.derivative(1.0).normalize();
+        let mut px_per_metre = 1.0;
         for ((change, view), image) in changes.iter_mut().zip(&self.views).zip(&self.images) {
             for (i, point) in curve.control_points().iter().enumerate() {
                 if let Some((_, jacobian)) = view.project_with_derivative(point) {
                     change.shifts[i] = jacobian * shifts[i];
+                    px_per_metre = jacobian.norm() * core::f64::consts::FRAC_1_SQRT_2;
                     if let Some(insertion) = context.insertion {
                         let advance = (jacobian * axis * insertion).norm() * insertion.signum();
                         let sigma = self.settings.advance_sigma_px * image.scale();
@@ -217,14 +223,21 @@ impl StereoTracker {
         }
         curve.shift(&shifts);
         let speed = curve.derivative(1.0).norm();
-        let advance = context.insertion.unwrap_or_else(|| {
+        let (advance, sigma) = match (context.insertion, self.images[0].filter()) {
+            (Some(insertion), _) => (
+                insertion,
+                changes[0].advance.map_or(0.0, |(_, sigma)| sigma) / px_per_metre,
+            ),
             // By the left image's estimate of the speed.
-            let filter = self.images[0].filter();
-            let pixels = filter.map_or(0.0, |f| f.speed() * dt);
-            let length = filter.map_or(1.0, |f| f.curve().derivative(1.0).norm());
-            pixels / length.max(1.0) * speed
-        });
-        curve.grow(advance.clamp(-0.2 * speed, 0.2 * speed));
+            (None, Some(filter)) => {
+                let length = filter.curve().derivative(1.0).norm().max(1.0);
+                let (rate, sigma) = filter.speed();
+                (rate * dt / length * speed, sigma * dt / length * speed)
+            }
+            (None, None) => (0.0, 0.0),
+        };
+        let walk = changes[0].walk / px_per_metre;
+        curve.grow(advance.clamp(-0.2 * speed, 0.2 * speed), sigma, walk);
         changes
     }
 
@@ -269,7 +282,11 @@ impl StereoTracker {
             return Err(Loss::NotFound);
         };
         let kept = curve.clone();
-        if !curve.fit(&self.views, [left, right], rounds) {
+        let lasting = Lasting {
+            px: self.images[0].scale(),
+            bevel: self.needle.bevel_length,
+        };
+        if !curve.fit(&self.views, [left, right], &lasting, rounds) {
             *curve = kept;
             return Err(Loss::NoCurve);
         }
@@ -341,8 +358,10 @@ impl StereoTracker {
             };
             let tracker = &mut self.images[k];
             let reach = reach * tracker.scale();
-            if line.len() < 2 || tracker.start(images[k], &line, reach, &look).is_err() {
-                if context.guess.is_none() && clicked.is_none() {
+            let nothing = line.len() < 2;
+            if nothing || tracker.start(images[k], &line, reach, &look).is_err() {
+                // What looks like a needle is not made background.
+                if nothing && context.guess.is_none() && clicked.is_none() {
                     tracker.learn(images[k]);
                 }
                 self.forget_needle();

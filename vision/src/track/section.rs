@@ -65,10 +65,7 @@ fn profile(
         scatter: 0.0,
     };
     let samples = profile.darkness.get_mut(..count)?;
-    for (k, sample) in samples.iter_mut().enumerate() {
-        let at = origin + direction * (k as f64 - reach as f64);
-        *sample = background.brightness(image, at)?;
-    }
+    background.line(image, origin - direction * reach as f64, direction, samples)?;
     let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
     let (first, last) = (mean(&samples[..ENDS]), mean(&samples[count - ENDS..]));
     // The ends' own middles are ENDS - 1 samples inside the line.
@@ -204,12 +201,10 @@ pub(super) fn mass(
     reach: usize,
     even: f64,
 ) -> Option<f64> {
-    let mut sum = 0.0;
-    for k in 0..=2 * reach {
-        let at = origin + direction * (k as f64 - reach as f64);
-        sum += even - f64::from(background.brightness(image, at)?);
-    }
-    Some(sum)
+    let mut samples = [0.0; 2 * REACH + 1];
+    let samples = samples.get_mut(..=2 * reach)?;
+    background.line(image, origin - direction * reach as f64, direction, samples)?;
+    Some(samples.iter().map(|sample| even - f64::from(*sample)).sum())
 }
 
 /// Brightness of the background beside the needle: the mean at `distance` on both sides.

@@ -11,10 +11,10 @@ use hal::GrayImage;
 use nalgebra::Vector2;
 
 use super::background::Background;
-use super::curve::{Curve2, weights};
-use super::filter::{Change, CurveFilter, Offset};
+use super::curve::{Curve2, normal, weights};
+use super::filter::{Change, CurveFilter, Offset, Solution, State};
 use super::section::{Expected, Section, cross};
-use super::settings::TrackSettings;
+use super::settings::{TrackSettings, TrackSettingsError};
 use super::tip::{self, TipSearch};
 
 /// Normals that must agree, as a share of all and at least.
@@ -37,20 +37,22 @@ pub enum Flaw {
 
 /// How the needle appears in one image.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Look {
+pub struct Look {
     /// Width of the shaft \[px\].
     pub width: f64,
     /// Length of the bevel \[px\].
     pub bevel_px: f64,
-    /// See [`super::silhouette::TipView::side`].
+    /// Sine of the angle between the bevel's direction and the line of sight: 1 when the bevel is
+    /// seen from its side; without, it is found in the image.
     pub side: Option<f64>,
-    /// See [`super::silhouette::TipView::rim_px`].
+    /// How far the rim of a flat end stands before its centre, where the axis is not square to
+    /// the line of sight \[px\].
     pub rim_px: f64,
 }
 
-/// Tracker of one camera.
+/// Tracks the needle in the images of one camera, in pixels; [`super::StereoTracker`] joins two.
 #[derive(Clone, Debug)]
-pub(super) struct ImageTracker {
+pub struct ImageTracker {
     settings: TrackSettings,
     /// Pixels for one pixel of an image 640 wide.
     scale: f64,
@@ -69,9 +71,18 @@ pub(super) struct ImageTracker {
 }
 
 impl ImageTracker {
-    pub(super) fn new(width: usize, height: usize, settings: &TrackSettings) -> Self {
+    /// A tracker for images of `width` x `height` pixels.
+    ///
+    /// # Errors
+    /// A setting outside its range.
+    pub fn new(
+        width: usize,
+        height: usize,
+        settings: &TrackSettings,
+    ) -> Result<Self, TrackSettingsError> {
+        settings.validate()?;
         let capacity = settings.normals;
-        Self {
+        Ok(Self {
             settings: settings.clone(),
             scale: width as f64 / 640.0,
             background: Background::new(width, height),
@@ -84,7 +95,12 @@ impl ImageTracker {
             jumped: None,
             gate: (Vector2::zeros(), Vector2::x()),
             bad: 0,
-        }
+        })
+    }
+
+    /// The curve as last estimated; nothing before the start.
+    pub fn curve(&self) -> Option<Curve2> {
+        self.filter.as_ref().map(CurveFilter::curve)
     }
 
     /// Forgets the needle; the background stays.
@@ -144,31 +160,30 @@ impl ImageTracker {
         ((place - curve.at(0.0)).dot(&direction) / speed).clamp(-0.2, 0.2)
     }
 
-    /// Takes one image in.
-    pub(super) fn follow(
-        &mut self,
-        image: &GrayImage,
-        change: &Change,
-        look: &Look,
-    ) -> Result<(), Flaw> {
+    /// Takes one image in: predicts by `change`, then measures shaft and tip.
+    ///
+    /// # Errors
+    /// The needle was not measured; the prediction stays. Images of another size show none.
+    pub fn follow(&mut self, image: &GrayImage, change: &Change, look: &Look) -> Result<(), Flaw> {
         let start = self.start_parameter();
         let Some(mut filter) = self.filter.take() else {
             return Err(Flaw::Shaft);
         };
         filter.predict(&Change { start, ..*change });
-        let shaft = self.shaft(image, &mut filter, look);
-        let tip = match shaft {
-            Ok(()) => self.tip(image, &mut filter, look),
-            Err(flaw) => Err(flaw),
+        let found = if self.background.fits(image) {
+            self.shaft(image, &mut filter, look)
+                .and_then(|()| self.tip(image, &mut filter, look))
+        } else {
+            Err(Flaw::Shaft)
         };
-        if tip.is_ok() {
+        if found.is_ok() {
             self.refresh(image, &filter.curve(), look);
             self.bad = 0;
         } else {
             self.bad += 1;
         }
         self.filter = Some(filter);
-        tip
+        found
     }
 
     /// Measures the shaft along its normals and updates the filter robustly.
@@ -188,7 +203,7 @@ impl ImageTracker {
             let t = (k as f64 + 0.5) / wanted as f64 * (1.0 - ends);
             let row = weights(self.settings.control_points, t);
             let tangent = curve.derivative(t).normalize();
-            let direction = Vector2::new(-tangent.y, tangent.x);
+            let direction = normal(&tangent);
             let doubt = filter.variance(&row, &direction);
             let expected = Expected {
                 width: look.width,
@@ -232,7 +247,7 @@ impl ImageTracker {
         if survivors < enough {
             return Err(Flaw::Shaft);
         }
-        filter.accept(solution);
+        filter.accept(&solution);
         let noise = noise / self.offsets.len() as f64;
         self.noise = (self.noise + 0.1 * (noise - self.noise)).clamp(0.002, 0.1);
         self.contrast += (contrast - self.contrast) * if self.contrast > 0.0 { 0.1 } else { 1.0 };
@@ -240,10 +255,7 @@ impl ImageTracker {
     }
 
     /// Tukey's weights, from a scale found in the residuals themselves.
-    fn robust(
-        &mut self,
-        filter: &mut CurveFilter,
-    ) -> Option<(nalgebra::SVector<f64, 13>, nalgebra::SMatrix<f64, 13, 13>)> {
+    fn robust(&mut self, filter: &mut CurveFilter) -> Option<Solution> {
         /// Tukey's constant, for 95 % efficiency on Gaussian noise.
         const TUKEY: f64 = 4.685;
         if !filter.begin() {
@@ -251,29 +263,25 @@ impl ImageTracker {
         }
         self.shares.clear();
         self.shares.resize(self.offsets.len(), 1.0);
-        let mut solution = filter.solve(&self.offsets, &self.shares)?;
+        let mut solution = filter.solve(&self.offsets, &self.shares, 1.0)?;
         for _ in 0..3 {
             self.sorted.clear();
             for offset in &self.offsets {
-                self.sorted.push(residual(offset, &solution.0).abs());
+                self.sorted.push(residual(offset, &solution.change).abs());
             }
             let middle = self.sorted.len() / 2;
             let (_, median, _) = self.sorted.select_nth_unstable_by(middle, f64::total_cmp);
             let scale = (1.4826 * *median).max(1.0);
             for (share, offset) in self.shares.iter_mut().zip(&self.offsets) {
-                let x = residual(offset, &solution.0) / (TUKEY * scale);
+                let x = residual(offset, &solution.change) / (TUKEY * scale);
                 *share = if x.abs() < 1.0 {
                     (1.0 - x * x).powi(2)
                 } else {
                     0.0
                 };
-                // Residuals larger than their stated noise say that it is larger.
-                *share /= scale * scale;
             }
-            solution = filter.solve(&self.offsets, &self.shares)?;
-            for share in &mut self.shares {
-                *share *= scale * scale;
-            }
+            // Residuals larger than their stated noise say that it is larger.
+            solution = filter.solve(&self.offsets, &self.shares, scale)?;
         }
         Some(solution)
     }
@@ -291,6 +299,10 @@ impl ImageTracker {
         let doubt = filter.variance(&end, &tangent);
         let near =
             (4.0 * doubt.sqrt() + 1.5 * self.scale).min(self.settings.search_px * self.scale);
+        if self.hidden(&curve, &tangent, near, look) {
+            // Odometry carries the tip on, and its variance says how far that can be trusted.
+            return Ok(());
+        }
         let wide = self.settings.search_px * self.scale;
         let seek = |reach: f64| {
             let search = TipSearch {
@@ -329,6 +341,22 @@ impl ImageTracker {
         Ok(())
     }
 
+    /// Whether the tip, or the shaft just behind it, is before a bubble as dark as the needle.
+    fn hidden(&self, curve: &Curve2, tangent: &Vector2<f64>, reach: f64, look: &Look) -> bool {
+        let margin = 3.0 * self.scale;
+        let aside = normal(tangent) * (12.0 * self.scale);
+        // So far behind the tip the shaft is compared with it.
+        let mut ahead = -(reach + 8.0);
+        while ahead <= look.bevel_px + margin {
+            let place = curve.tip() + tangent * ahead;
+            if self.background.hides(place, aside) {
+                return true;
+            }
+            ahead += 0.5 * margin;
+        }
+        false
+    }
+
     /// Learns the background ahead of the tip, where the needle will be.
     fn refresh(&mut self, image: &GrayImage, curve: &Curve2, look: &Look) {
         let half = 10.0 * self.scale;
@@ -340,7 +368,7 @@ impl ImageTracker {
 }
 
 /// Residual of a measurement after a change of the state, in standard deviations.
-fn residual(offset: &Offset, change: &nalgebra::SVector<f64, 13>) -> f64 {
+fn residual(offset: &Offset, change: &State) -> f64 {
     let moved = offset
         .weights
         .iter()

@@ -5,13 +5,11 @@
     reason = "coordinates of pixels, checked against the image"
 )]
 
-use hal::GrayImage;
-use nalgebra::Vector2;
-
 use super::background::Background;
-use super::curve::Curve2;
+use super::curve::{Curve2, normal};
 use super::section::{beside, mass};
 use super::silhouette::{Falloff, TipView};
+use hal::GrayImage;
 
 /// Most stations along the axis.
 const STATIONS: usize = 96;
@@ -79,9 +77,9 @@ fn run(
         } else {
             (tip + tangent * u, tangent)
         };
-        let normal = Vector2::new(-direction.y, direction.x);
-        let even = beside(image, background, centre, normal, across + 1.5)?;
-        *value = mass(image, background, centre, normal, across as usize, even)? / even;
+        let aside = normal(&direction);
+        let even = beside(image, background, centre, aside, across + 1.5)?;
+        *value = mass(image, background, centre, aside, across as usize, even)? / even;
     }
     Some(run)
 }

@@ -9,6 +9,8 @@
     reason = "each test and bench uses a part"
 )]
 
+pub mod film;
+
 use std::sync::Arc;
 
 use hal::{CameraFrame, GrayImage, Stamp, StereoFrame, Transform};
@@ -19,6 +21,8 @@ use vision::camera::{Camera, Container, Distortion, FlatWindow, StereoRig, View}
 
 /// Subpixels per pixel and axis.
 const FINE: usize = 4;
+/// Marking every subpixel touched would make the needle half a subpixel too large all round \[px\].
+const EXCESS: f64 = 0.5 / FINE as f64;
 
 /// Two cameras 90 degrees apart, 0.5 m from the middle, each square to its wall: 0.25 mm/px at
 /// 640 columns.
@@ -115,6 +119,8 @@ pub struct Scene {
     pub noise: f64,
     /// Dark discs: column, row, radius \[px\], in either image.
     pub discs: Vec<[f64; 3]>,
+    /// Dark bars: first and last column, first and last row \[px\], in either image.
+    pub bars: Vec<[f64; 4]>,
     seed: u64,
 }
 
@@ -124,6 +130,7 @@ impl Scene {
             rig,
             noise: 3.0,
             discs: Vec::new(),
+            bars: Vec::new(),
             seed,
         }
     }
@@ -136,13 +143,18 @@ impl Scene {
         self.frames(None, number)
     }
 
-    /// All black but for noise.
-    pub fn blank(&self, number: u64) -> StereoFrame {
-        let mut pair = self.empty(number);
-        for f in [&mut pair.left, &mut pair.right] {
-            f.image = Arc::new(GrayImage::filled(f.image.width(), f.image.height(), 3));
+    /// Of one grey level all over.
+    pub fn blank(&self, grey: u8, number: u64) -> StereoFrame {
+        let camera = self.rig.left;
+        let frame = CameraFrame {
+            stamp: Stamp::from_secs(number as f64 / 30.0),
+            sequence: number,
+            image: Arc::new(GrayImage::filled(camera.width, camera.height, grey)),
+        };
+        StereoFrame {
+            left: frame.clone(),
+            right: frame,
         }
-        pair
     }
 
     fn frames(&self, needle: Option<&Needle>, number: u64) -> StereoFrame {
@@ -188,6 +200,11 @@ impl Scene {
                     level = 45.0;
                 }
             }
+            for b in &self.bars {
+                if (b[0]..b[1]).contains(&x) && (b[2]..b[3]).contains(&y) {
+                    level = 45.0;
+                }
+            }
             let grey = level + f64::from(cover[i]) * (40.0 - level);
             let noise = generator.random_range(-1.0..1.0) * self.noise;
             *p = (grey + noise).round().clamp(0.0, 255.0) as u8;
@@ -198,14 +215,12 @@ impl Scene {
 
 /// Marks every subpixel that a slice of the needle covers.
 fn splat(fine: &mut [bool], view: &View, needle: &Needle) {
-    let (w, h) = (view.camera.width, view.camera.height);
+    let w = view.camera.width;
     let eye = view.camera_from_left.inverse() * Point3::origin();
     let radius = 0.35e-3;
     let sharp = needle.bevel_direction();
     let step = 0.05e-3 * 320.0 / w as f64;
-    // Marking every subpixel touched would make the needle half a subpixel too large all round.
-    let excess = 0.5 / FINE as f64;
-    let end = needle.depth + needle.bevel_length - excess * 0.25e-3 * 640.0 / w as f64;
+    let end = needle.depth + needle.bevel_length - EXCESS * 0.25e-3 * 640.0 / w as f64;
     let slices = ((end + 0.01) / step) as usize;
     for k in 0..slices {
         // From the end backwards, that the last slice lies at the tip.
@@ -239,24 +254,44 @@ fn splat(fine: &mut [bool], view: &View, needle: &Needle) {
         if low > high {
             continue;
         }
-        let (Some(a), Some(b)) = (
-            view.project(&(centre + across * low)),
-            view.project(&(centre + across * high)),
-        ) else {
-            continue;
-        };
-        let inwards = (b.0 - a.0).normalize() * excess.min(0.45 * (b.0 - a.0).norm());
-        let (a, b) = (a.0 + inwards, b.0 - inwards);
-        let dots = ((b - a).norm() * 2.0 * FINE as f64).ceil() as usize + 1;
-        for i in 0..=dots {
-            let p = a + (b - a) * (i as f64 / dots as f64);
-            let (x, y) = (
-                ((p.x + 0.5) * FINE as f64).floor(),
-                ((p.y + 0.5) * FINE as f64).floor(),
-            );
-            if x >= 0.0 && y >= 0.0 && x < (w * FINE) as f64 && y < (h * FINE) as f64 {
-                fine[y as usize * w * FINE + x as usize] = true;
+        mark(
+            fine,
+            view,
+            &(centre + across * low),
+            &(centre + across * high),
+        );
+        if k == 0 && needle.bevel_length == 0.0 {
+            // The rim of a flat end stands out where the axis is not square to the line of sight.
+            for i in -16..=16 {
+                let height = radius * f64::from(i) / 16.0;
+                let half = across * (radius * radius - height * height).max(0.0).sqrt();
+                let middle = centre + away * height;
+                mark(fine, view, &(middle - half), &(middle + half));
             }
+        }
+    }
+}
+
+/// Marks the subpixels between two points across the needle.
+fn mark(fine: &mut [bool], view: &View, from: &Vector3<f64>, to: &Vector3<f64>) {
+    let (w, h) = (view.camera.width, view.camera.height);
+    let (Some(a), Some(b)) = (view.project(from), view.project(to)) else {
+        return;
+    };
+    let excess = EXCESS.min(0.45 * (b.0 - a.0).norm());
+    let Some(inwards) = (b.0 - a.0).try_normalize(1e-9) else {
+        return;
+    };
+    let (a, b) = (a.0 + inwards * excess, b.0 - inwards * excess);
+    let dots = ((b - a).norm() * 2.0 * FINE as f64).ceil() as usize + 1;
+    for i in 0..=dots {
+        let p = a + (b - a) * (i as f64 / dots as f64);
+        let (x, y) = (
+            ((p.x + 0.5) * FINE as f64).floor(),
+            ((p.y + 0.5) * FINE as f64).floor(),
+        );
+        if x >= 0.0 && y >= 0.0 && x < (w * FINE) as f64 && y < (h * FINE) as f64 {
+            fine[y as usize * w * FINE + x as usize] = true;
         }
     }
 }

@@ -4,20 +4,26 @@ use hal::GrayImage;
 use nalgebra::Vector2;
 
 use super::{Flaw, ImageTracker, Look, SURVIVORS};
-use crate::track::curve::{Curve2, MOST, weights};
+use crate::track::curve::{Curve2, MOST, normal, weights};
 use crate::track::filter::{CurveFilter, Offset};
 use crate::track::section::{Expected, cross};
 
 impl ImageTracker {
     /// Begins along `line`, from where the needle comes into sight to about its tip \[px\]; the
     /// needle is sought up to `reach` from it, and beyond its end.
-    pub(in crate::track) fn start(
+    ///
+    /// # Errors
+    /// No needle was found there.
+    pub fn start(
         &mut self,
         image: &GrayImage,
         line: &[Vector2<f64>],
         reach: f64,
         look: &Look,
     ) -> Result<(), Flaw> {
+        if !self.background.fits(image) {
+            return Err(Flaw::Shaft);
+        }
         let first = self.along(image, line, reach, look).ok_or(Flaw::Shaft)?;
         let curve = self.extent(image, &first, look).ok_or(Flaw::Tip)?;
         if curve.length() < self.settings.visible_px * self.scale {
@@ -62,7 +68,7 @@ impl ImageTracker {
         for k in 0..self.settings.normals {
             let t = (k as f64 + 0.5) / self.settings.normals as f64;
             let tangent = guess.derivative(t).try_normalize(1e-6)?;
-            let direction = Vector2::new(-tangent.y, tangent.x);
+            let direction = normal(&tangent);
             let expected = Expected {
                 width: look.width,
                 reach,
@@ -84,7 +90,7 @@ impl ImageTracker {
             return None;
         }
         let solution = self.robust(&mut filter)?;
-        filter.accept(solution);
+        filter.accept(&solution);
         Some(filter.curve())
     }
 
@@ -100,7 +106,7 @@ impl ImageTracker {
         };
         let seen = |t: f64| {
             let tangent = curve.derivative(t).normalize();
-            let direction = Vector2::new(-tangent.y, tangent.x);
+            let direction = normal(&tangent);
             cross(image, &self.background, curve.at(t), direction, &expected).is_some()
         };
         let patience = (8.0 * self.scale) as u32;
@@ -116,12 +122,17 @@ impl ImageTracker {
             t += step;
         };
         let most = 1.0 + 40.0 * self.scale * step;
-        let (mut last, mut missed) = (first, 0);
-        while t < most && missed < patience {
+        let (mut last, mut missed, mut run) = (first, 0, 0);
+        // Within the line more may be hidden, by a bar or a bubble; but a stretch must follow.
+        while t < most && missed < if t < 1.0 { 4 * patience } else { patience } {
             t += step;
             if seen(t) {
-                (last, missed) = (t, 0);
+                run += 1;
+                if missed < patience || run >= patience {
+                    (last, missed) = (t, 0);
+                }
             } else {
+                run = 0;
                 missed += 1;
             }
         }
@@ -142,9 +153,9 @@ impl ImageTracker {
         while step <= steps {
             let t = (1.0 + margin) * step / steps;
             let tangent = curve.derivative(t).normalize();
-            let normal = Vector2::new(-tangent.y, tangent.x) * half;
+            let aside = normal(&tangent) * half;
             let centre = curve.at(t);
-            self.background.paint_out(centre - normal, centre + normal);
+            self.background.paint_out(centre - aside, centre + aside);
             step += 1.0;
         }
     }
