@@ -120,8 +120,8 @@ impl Means {
 /// Checks before the start whether a target (World) can be reached, by the predictive model
 /// with base authority counted.
 ///
-/// Half of what the base could do within its tilt is counted: its authority fades while it
-/// moves. The bevel's reach is that of the prior cut angle.
+/// Half of what the base could do within its tilt is counted, or less where its offset ends the
+/// pivot earlier: its authority fades while it moves. The bevel's reach is that of the prior cut angle.
 ///
 /// # Errors
 /// See [`Unreachable`].
@@ -160,7 +160,10 @@ pub fn reachable_at_start(
     }
     let mut rollout = Rollout::new();
     estimator.rollout(target, &mut rollout);
-    let base = rollout.pivot.max(0.0) * limits.tilt_deg.to_radians() * 0.5;
+    // A pivot about the entry shifts the base: a narrow workspace may end it before the tilt does.
+    let height = (estimator.needle_length() - estimator.depth()).max(1e-3);
+    let tilt = (limits.tilt_deg.to_radians() * 0.5).min(limits.base_offset_mm * 1e-3 / height);
+    let base = rollout.pivot.max(0.0) * tilt;
     let reach = if means.base { base } else { 0.0 } + if means.bevel { rollout.bevel } else { 0.0 };
     let miss = rollout.miss.norm();
     if miss > reach {
@@ -176,6 +179,54 @@ pub fn reachable_at_start(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A straight needle of 126 mm with its tip at the surface.
+    fn estimator() -> Estimator {
+        let start = crate::Start {
+            length: 0.126,
+            bending_stiffness: 2e-2,
+            cutting_edge: 1e-3,
+            entry: crate::view::Entry {
+                point: Point3::origin(),
+                inward: nalgebra::Vector3::z_axis(),
+            },
+            world_from_base: Isometry3::translation(0.0, 0.0, -0.126),
+        };
+        Estimator::new(&crate::EstimatorSettings::default(), &start).unwrap()
+    }
+
+    #[test]
+    fn what_cannot_be_reached_is_refused_with_the_shortfall() {
+        let (estimator, both) = (estimator(), Means::of_law("hybrid"));
+        let limits = Limits::default();
+        let check = |x: f64, z: f64, limits: &Limits| {
+            reachable_at_start(&estimator, &Point3::new(x, 0.0, z), limits, both)
+        };
+        assert_eq!(check(0.01, 0.08, &limits), Ok(()));
+        assert!(matches!(
+            check(0.0, -0.01, &limits),
+            Err(Unreachable::Behind { behind_mm }) if (behind_mm - 10.0).abs() < 1.5
+        ));
+        assert!(matches!(
+            check(0.0, 0.2, &limits),
+            Err(Unreachable::TooDeep { missing_mm }) if (missing_mm - 74.0).abs() < 1e-6
+        ));
+        let aside = |limits: &Limits| match check(0.05, 0.08, limits) {
+            Err(Unreachable::Aside { reach_mm, .. }) => reach_mm,
+            other => panic!("{other:?}"),
+        };
+        // A base that may hardly move aside cannot pivot either, though its tilt is free.
+        let narrow = Limits {
+            base_offset_mm: 1.0,
+            ..Limits::default()
+        };
+        assert!(
+            aside(&narrow) < 0.7 * aside(&limits),
+            "{} mm",
+            aside(&narrow)
+        );
+        assert_eq!(check(f64::NAN, 0.08, &limits), Err(Unreachable::NonFinite));
+    }
 
     #[test]
     fn a_shortfall_must_last() {

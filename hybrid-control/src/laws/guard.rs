@@ -194,7 +194,7 @@ mod tests {
         };
         let dt = 1.0 / 30.0;
         let mut base = start;
-        let mut on_its_way = [Twist::default(); 3];
+        let mut on_its_way = [Twist::zero(); 3];
         let mut tilt = 0.0;
         let (mut farthest, mut fastest) = (0.0_f64, 0.0_f64);
         for step in 0..300 {
