@@ -145,7 +145,7 @@ impl<'a> Insertion<'a> {
             return Ok(self.summary(config, Ended::DryRun));
         }
         self.attach_marker(config);
-        self.rig.arm.enable()?;
+        self.rig.enable()?;
         let ended = self.conduct(config, observer, controls)?;
         Ok(self.summary(config, ended))
     }
@@ -162,9 +162,7 @@ impl<'a> Insertion<'a> {
     ) -> Result<Ended, RunError> {
         self.supervisor = Supervisor::new(Bounds::of(config), self.rig.clock.now());
         controls.ask(Wish::Retract);
-        if self.rig.arm.state()?.mode == ArmMode::Connected {
-            self.rig.arm.enable()?;
-        }
+        self.rig.enable()?;
         self.conduct(config, observer, controls)
     }
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use hal::frame::{LeftCamera, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
-use hal::{Arm, Clock, Recorded, Transform};
+use hal::{Arm, ArmMode, Clock, Recorded, Transform};
 use phantom::SettingsError;
 use phantom::camera::{CameraSettings, RigError, StereoRig};
 use robots::kinematics::UrdfError;
@@ -224,6 +224,17 @@ impl Rig {
     pub fn next_sequence(&mut self) -> u64 {
         self.sequence += 1;
         self.sequence
+    }
+
+    /// Enables the arm, unless motion by hand has left it so.
+    ///
+    /// # Errors
+    /// The arm does not report, or cannot be enabled.
+    pub fn enable(&mut self) -> Result<(), hal::Error> {
+        match self.arm.state()?.mode {
+            ArmMode::Enabled | ArmMode::Moving | ArmMode::Stopping => Ok(()),
+            _ => self.arm.enable(),
+        }
     }
 
     /// Waits until the arm reports; a simulated one does at once.

@@ -28,8 +28,7 @@ fn start(master: &Master, arguments: &[&str]) -> Running {
     command
         .args(arguments)
         .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null());
+        .stdout(Stdio::piped());
     Running(command.spawn().unwrap())
 }
 
