@@ -28,20 +28,28 @@ pub fn settings(config: &Config) -> Result<CameraSettings, phantom::SettingsErro
     sized.overridden(config.cameras.simulated.clone())
 }
 
+/// What was measured of real cameras.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// The calibrated cameras.
+    pub rig: StereoRig,
+    /// Where the left one stands.
+    pub world_from_left_camera: Transform<World, LeftCamera>,
+}
+
 /// Calibration and registration of real cameras, where the configuration names them.
 ///
 /// # Errors
 /// A file cannot be read or is none.
-pub fn measured(
-    config: &Config,
-) -> Result<Option<(StereoRig, Transform<World, LeftCamera>)>, FileError> {
+pub fn measured(config: &Config) -> Result<Option<Measured>, FileError> {
     let cameras = &config.cameras;
     if cameras.calibration.is_empty() {
         return Ok(None);
     }
-    let rig = read_stereo(Path::new(&cameras.calibration))?.rig;
-    let world_from_left = read_registration(Path::new(&cameras.registration))?;
-    Ok(Some((rig, world_from_left)))
+    Ok(Some(Measured {
+        rig: read_stereo(Path::new(&cameras.calibration))?.rig,
+        world_from_left_camera: read_registration(Path::new(&cameras.registration))?,
+    }))
 }
 
 /// A rig as `vision` takes it from the phantom's parameters.

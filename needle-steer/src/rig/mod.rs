@@ -183,13 +183,14 @@ impl Rig {
         };
         let seed = config.run.seed;
         let stereo = StereoRig::new(&camera_settings, &config.world_from_entry(), seed)?;
-        let (calibrated, world_from_left_camera) = match cameras::measured(config)? {
-            Some((rig, world_from_left_camera)) => (rig, world_from_left_camera),
-            None => {
-                let given = stereo.given();
-                (cameras::calibrated(given), given.left_from_world.inverse())
-            }
-        };
+        let given = stereo.given();
+        let (calibrated, world_from_left_camera) = cameras::measured(config)?.map_or_else(
+            || {
+                let world_from_left_camera = given.left_from_world.inverse();
+                (cameras::calibrated(given), world_from_left_camera)
+            },
+            |measured| (measured.rig, measured.world_from_left_camera),
+        );
         let devices = devices(Place {
             chain: chain.clone(),
             world_from_arm_base,
