@@ -189,7 +189,7 @@ fn predicted_tips_say_how_far_they_may_be_off() {
             scene.pair(&needle, k)
         };
         // Odometry is off by as much as its setting allows for: 0.15 px are 0.038 mm.
-        let slip = [1.0, -1.0, 1.0, 1.0, -1.0][k as usize % 5] * 0.035e-3;
+        let slip = [1.0, -1.0, 1.0, 1.0, -1.0][usize::try_from(k % 5).unwrap()] * 0.035e-3;
         let answer = tracker.track(&pair, &advance(STEP + slip)).is_err();
         assert_eq!(answer, gap);
         let tip = &tracker.tracked().shape.tip;
