@@ -15,7 +15,7 @@ use rosbridge::log::{LogReader, ReadError, Record, RunInfo, same_step};
 use serde::Serialize;
 
 use crate::clock::WallTime;
-use crate::config::{self, Config, ConfigError, TargetKind};
+use crate::config::{self, Config, ConfigError, SensorKind, TargetKind};
 use crate::cycle::{Cycle, CycleError, SeenMarker, Snapshot};
 use crate::journal::marker_of;
 use crate::rig::{self, RigBuildError};
@@ -246,6 +246,8 @@ struct Player {
     cycle: Cycle,
     /// Whether the target is a marker that the cycle follows by itself.
     follows: bool,
+    /// Whether the run saw images, of which a log keeps only what was tracked.
+    images: bool,
     target: Option<Position<LeftCamera>>,
     last: Option<(Stamp, Phase)>,
     seen: Option<Stamp>,
@@ -257,6 +259,7 @@ impl Player {
         Ok(Self {
             cycle: Cycle::new(config, bearings, start)?,
             follows: config.target.kind == TargetKind::Marker,
+            images: config.run.sensor == SensorKind::Images,
             target: None,
             last: None,
             seen: None,
@@ -295,7 +298,13 @@ impl Player {
             pair: None,
             marker: inputs.marker,
             phase,
-        })
+        });
+        let telemetry = self.cycle.telemetry_mut();
+        if self.images && shape.is_none() {
+            // What the tracker said of a pair without a needle is in no other record.
+            telemetry.tracking = recorded.tracking;
+        }
+        telemetry
     }
 }
 
