@@ -219,6 +219,34 @@ impl Background {
     }
 }
 
+impl Background {
+    /// Reads around the line that [`Self::line`] is to read: the waits for memory of many lines
+    /// overlap when they are touched first. Answers something that depends on what was read.
+    #[inline]
+    pub(super) fn touch(
+        &self,
+        image: &GrayImage,
+        origin: Vector2<f64>,
+        direction: Vector2<f64>,
+        length: f64,
+    ) -> f32 {
+        // One row, or fewer pixels than a line of the cache holds.
+        let step = (1.0 / direction.y.abs().max(0.01)).min(12.0);
+        let (mut sum, mut k) = (0.0, 0.0);
+        while k < length + step {
+            let p = origin + direction * k.min(length);
+            let index = p.y.max(0.0) as usize * self.width + p.x.max(0.0) as usize;
+            let pixels = image.pixels();
+            for index in [index, index + self.width] {
+                sum += self.grey.get(index).copied().unwrap_or(0.0)
+                    + f32::from(pixels.get(index).copied().unwrap_or(0));
+            }
+            k += step;
+        }
+        sum
+    }
+}
+
 impl Cell {
     #[inline]
     fn blend(self, a: f32, b: f32, c: f32, d: f32) -> f32 {

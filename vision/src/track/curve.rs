@@ -8,38 +8,80 @@ pub(super) const MOST: usize = 6;
 /// Weights of the control points.
 pub(super) type Weights = [f64; MOST];
 
+/// One over the products of differences between the control points' numbers, by their count.
+const INVERSES: [Weights; MOST + 1] = {
+    let mut table = [[0.0; MOST]; MOST + 1];
+    let mut n = 1;
+    while n <= MOST {
+        let mut i = 0;
+        while i < n {
+            let mut product = 1.0;
+            let mut j = 0;
+            while j < n {
+                if j != i {
+                    product *= i as f64 - j as f64;
+                }
+                j += 1;
+            }
+            table[n][i] = 1.0 / product;
+            i += 1;
+        }
+        n += 1;
+    }
+    table
+};
+
+/// Products of `x - j` with their derivatives: of all `j` below each index, and of all from it on.
+struct Products {
+    below: [(f64, f64); MOST + 1],
+    from: [(f64, f64); MOST + 1],
+}
+
+impl Products {
+    #[inline]
+    fn new(n: usize, x: f64) -> Self {
+        let mut products = Self {
+            below: [(1.0, 0.0); MOST + 1],
+            from: [(1.0, 0.0); MOST + 1],
+        };
+        let times = |(value, slope): (f64, f64), j: usize| {
+            let factor = x - j as f64;
+            (value * factor, slope * factor + value)
+        };
+        for j in 0..n.min(MOST) {
+            products.below[j + 1] = times(products.below[j], j);
+        }
+        for j in (0..n.min(MOST)).rev() {
+            products.from[j] = times(products.from[j + 1], j);
+        }
+        products
+    }
+}
+
 /// Lagrange weights of `n` control points at equal parameters 0 to 1, at parameter `t`.
 pub(super) fn weights(n: usize, t: f64) -> Weights {
-    let scale = (n - 1) as f64;
-    let x = t * scale;
-    let mut out = [0.0; MOST];
-    for (i, weight) in out.iter_mut().enumerate().take(n) {
-        *weight = (0..n).filter(|j| *j != i).fold(1.0, |product, j| {
-            product * (x - j as f64) / (i as f64 - j as f64)
-        });
-    }
-    out
+    weights_and_slopes(n, t).0
 }
 
 /// Derivatives of [`weights`] by the parameter.
 pub(super) fn slopes(n: usize, t: f64) -> Weights {
+    weights_and_slopes(n, t).1
+}
+
+/// [`weights`] and [`slopes`].
+#[inline]
+pub(super) fn weights_and_slopes(n: usize, t: f64) -> (Weights, Weights) {
+    let n = n.min(MOST);
     let scale = (n - 1) as f64;
-    let x = t * scale;
-    let mut out = [0.0; MOST];
-    for (i, slope) in out.iter_mut().enumerate().take(n) {
-        let others = || (0..n).filter(|j| *j != i);
-        let denominator: f64 = others().map(|j| i as f64 - j as f64).product();
-        let sum: f64 = others()
-            .map(|k| {
-                others()
-                    .filter(|j| *j != k)
-                    .map(|j| x - j as f64)
-                    .product::<f64>()
-            })
-            .sum();
-        *slope = sum / denominator * scale;
+    let products = Products::new(n, t * scale);
+    let (mut weights, mut slopes) = ([0.0; MOST], [0.0; MOST]);
+    for i in 0..n {
+        let (below, below_slope) = products.below[i];
+        let (from, from_slope) = products.from[i + 1];
+        weights[i] = below * from * INVERSES[n][i];
+        slopes[i] = (below_slope * from + below * from_slope) * INVERSES[n][i] * scale;
     }
-    out
+    (weights, slopes)
 }
 
 /// The direction square to `tangent`, a quarter turn from x towards y.

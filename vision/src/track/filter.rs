@@ -1,13 +1,12 @@
 //! The Kalman filter over a curve's control points and the speed of the tip.
 
-use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector2};
+use nalgebra::{SMatrix, SVector, Vector2};
 
+use super::cholesky::Factor;
 use super::curve::{Curve2, MOST, Weights, slopes, weights};
 
-/// Control points, then the tip's speed. Points beyond the curve's own are idle: unit variance,
-/// coupled to nothing.
+/// The curve's control points, then the tip's speed; what is left over is idle.
 const STATES: usize = 2 * MOST + 1;
-const SPEED: usize = 2 * MOST;
 
 /// Of the filter.
 pub(super) type State = SVector<f64, STATES>;
@@ -56,7 +55,7 @@ pub(super) struct Solution {
     /// Change of the state.
     pub change: State,
     /// Of the information matrix.
-    factor: Cholesky<f64, Const<STATES>>,
+    factor: Factor<STATES>,
 }
 
 impl CurveFilter {
@@ -68,11 +67,8 @@ impl CurveFilter {
         for (i, p) in curve.control_points().iter().enumerate() {
             state.fixed_rows_mut::<2>(2 * i).copy_from(p);
         }
-        let mut covariance = Covariance::identity();
-        covariance
-            .view_mut((0, 0), (2 * count, 2 * count))
-            .fill(0.0);
-        covariance[(SPEED, SPEED)] = 20_f64.powi(2);
+        let mut covariance = Covariance::zeros();
+        covariance[(2 * count, 2 * count)] = 20_f64.powi(2);
         let mut filter = Self {
             count,
             state,
@@ -110,10 +106,20 @@ impl CurveFilter {
         }
     }
 
+    /// Place of the tip's speed in the state.
+    const fn speed_at(&self) -> usize {
+        2 * self.count
+    }
+
+    /// States in use.
+    const fn states(&self) -> usize {
+        2 * self.count + 1
+    }
+
     /// The curve as estimated.
     pub(super) fn curve(&self) -> Curve2 {
         let mut points = [Vector2::zeros(); MOST];
-        for (i, point) in points.iter_mut().enumerate() {
+        for (i, point) in points.iter_mut().enumerate().take(self.count) {
             *point = self.state.fixed_rows::<2>(2 * i).into_owned();
         }
         Curve2::new(self.count, points)
@@ -121,26 +127,28 @@ impl CurveFilter {
 
     /// Speed of the tip along the curve, and its standard deviation \[px/s\].
     pub(super) fn speed(&self) -> (f64, f64) {
-        let variance = self.covariance[(SPEED, SPEED)];
-        (self.state[SPEED], variance.max(0.0).sqrt())
+        let speed = self.speed_at();
+        let variance = self.covariance[(speed, speed)];
+        (self.state[speed], variance.max(0.0).sqrt())
     }
 
     /// Carries the state on to the next image: the curve grows at its tip, starts where it now
     /// comes into sight, moves with the base and walks.
     pub(super) fn predict(&mut self, change: &Change) {
+        let speed = self.speed_at();
         let before = self.curve();
         let length = before.derivative(1.0).norm().max(1.0);
         if let (Some((advance, sigma)), true) = (change.advance, change.dt > 0.0) {
-            self.state[SPEED] = advance / change.dt;
+            self.state[speed] = advance / change.dt;
             self.covariance
-                .fixed_view_mut::<1, STATES>(SPEED, 0)
+                .fixed_view_mut::<1, STATES>(speed, 0)
                 .fill(0.0);
             self.covariance
-                .fixed_view_mut::<STATES, 1>(0, SPEED)
+                .fixed_view_mut::<STATES, 1>(0, speed)
                 .fill(0.0);
-            self.covariance[(SPEED, SPEED)] = (sigma / change.dt).powi(2);
+            self.covariance[(speed, speed)] = (sigma / change.dt).powi(2);
         }
-        let growth = self.state[SPEED] * change.dt / length;
+        let growth = self.state[speed] * change.dt / length;
         let span = 1.0 + growth - change.start;
         let mut transition = Covariance::identity();
         let mut next = self.state;
@@ -155,7 +163,7 @@ impl CurveFilter {
                 for (j, weight) in row.iter().enumerate().take(self.count) {
                     transition[(2 * i + axis, 2 * j + axis)] = *weight;
                 }
-                transition[(2 * i + axis, SPEED)] = outgrown[axis];
+                transition[(2 * i + axis, speed)] = outgrown[axis];
             }
         }
         self.covariance = transition * self.covariance * transition.transpose();
@@ -169,7 +177,7 @@ impl CurveFilter {
             self.covariance[(2 * i + 1, 2 * i + 1)] += doubt;
         }
         // The insertion speed changes by some px/s within a second.
-        self.covariance[(SPEED, SPEED)] += 25.0 * change.dt;
+        self.covariance[(speed, speed)] += 25.0 * change.dt;
     }
 
     /// Variance of the curve at `weights` along `direction` \[px2\].
@@ -197,11 +205,11 @@ impl CurveFilter {
 
     /// Starts an update from independent measurements.
     pub(super) fn begin(&mut self) -> bool {
-        let Some(cholesky) = self.covariance.cholesky() else {
-            return false;
-        };
-        self.information = cholesky.inverse();
-        true
+        let factor = Factor::new(&self.covariance, self.states());
+        if let Some(factor) = &factor {
+            self.information = factor.inverse();
+        }
+        factor.is_some()
     }
 
     /// Adds measurements to what [`Self::begin`] prepared and solves: each by its share, their
@@ -229,7 +237,7 @@ impl CurveFilter {
                 }
             }
         }
-        let factor = Cholesky::new(information)?;
+        let factor = Factor::new(&information, self.states())?;
         Some(Solution {
             change: factor.solve(&pull),
             factor,
@@ -239,8 +247,7 @@ impl CurveFilter {
     /// Takes a solution over.
     pub(super) fn accept(&mut self, solution: &Solution) {
         self.state += solution.change;
-        let covariance = solution.factor.inverse();
-        self.covariance = 0.5 * (covariance + covariance.transpose());
+        self.covariance = solution.factor.inverse();
     }
 
     /// One scalar measurement.

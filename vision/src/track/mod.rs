@@ -8,6 +8,7 @@
 
 mod answer;
 mod background;
+mod cholesky;
 mod curve;
 mod filter;
 mod find;

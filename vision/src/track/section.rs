@@ -83,6 +83,11 @@ fn profile(
     Some(profile)
 }
 
+/// Samples on either side of a line's middle.
+pub(super) fn samples(expected: &Expected) -> usize {
+    ((expected.reach + 0.5 * expected.width).ceil() as usize + 1 + ENDS).min(REACH)
+}
+
 /// Finds the needle on the line through `origin` along `direction` (unit).
 pub(super) fn cross(
     image: &GrayImage,
@@ -92,7 +97,7 @@ pub(super) fn cross(
     expected: &Expected,
 ) -> Option<Section> {
     let half = 0.5 * expected.width;
-    let reach = ((expected.reach + half).ceil() as usize + 1 + ENDS).min(REACH);
+    let reach = samples(expected);
     let profile = profile(image, background, origin, direction, reach)?;
     let darkness = profile.darkness.get(..profile.count)?;
     let middle = peak(darkness, expected.width.round().max(1.0) as usize, reach)?;

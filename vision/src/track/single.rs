@@ -7,13 +7,15 @@
 
 mod begin;
 
+use core::hint::black_box;
+
 use hal::GrayImage;
 use nalgebra::Vector2;
 
 use super::background::Background;
-use super::curve::{Curve2, normal, weights};
+use super::curve::{Curve2, Weights, normal, weights, weights_and_slopes};
 use super::filter::{Change, CurveFilter, Offset, Solution, State};
-use super::section::{Expected, Section, cross};
+use super::section::{Expected, Section, cross, samples};
 use super::settings::{TrackSettings, TrackSettingsError};
 use super::tip::{self, TipSearch};
 
@@ -50,6 +52,19 @@ pub struct Look {
     pub rim_px: f64,
 }
 
+/// A line across the needle.
+#[derive(Clone, Copy, Debug)]
+struct Normal {
+    /// Weights of its place on the curve.
+    row: Weights,
+    place: Vector2<f64>,
+    direction: Vector2<f64>,
+    expected: Expected,
+}
+
+/// Places along the curve at which its doubt is computed; in between it hardly differs.
+const DOUBTS: usize = 7;
+
 /// Tracks the needle in the images of one camera, in pixels; [`super::StereoTracker`] joins two.
 #[derive(Clone, Debug)]
 pub struct ImageTracker {
@@ -60,6 +75,7 @@ pub struct ImageTracker {
     filter: Option<CurveFilter>,
     noise: f64,
     contrast: f64,
+    normals: Vec<Normal>,
     offsets: Vec<Offset>,
     shares: Vec<f64>,
     sorted: Vec<f64>,
@@ -89,6 +105,7 @@ impl ImageTracker {
             filter: None,
             noise: 0.01,
             contrast: 0.0,
+            normals: Vec::with_capacity(capacity),
             offsets: Vec::with_capacity(capacity),
             shares: Vec::with_capacity(capacity),
             sorted: Vec::with_capacity(capacity),
@@ -198,26 +215,35 @@ impl ImageTracker {
         let (mut contrast, mut noise) = (0.0, 0.0);
         self.offsets.clear();
         let wanted = self.settings.normals;
+        let count = self.settings.control_points;
         let ends = look.width / curve.derivative(1.0).norm().max(1.0);
+        let doubts = doubts(filter, &curve, count);
+        self.normals.clear();
         for k in 0..wanted {
             let t = (k as f64 + 0.5) / wanted as f64 * (1.0 - ends);
-            let row = weights(self.settings.control_points, t);
-            let tangent = curve.derivative(t).normalize();
-            let direction = normal(&tangent);
-            let doubt = filter.variance(&row, &direction);
+            let (row, slopes) = weights_and_slopes(count, t);
             let expected = Expected {
                 width: look.width,
-                reach: (4.0 * doubt.sqrt() + 2.0 * self.scale).clamp(3.0, search),
+                reach: (4.0 * between(&doubts, t) + 2.0 * self.scale).clamp(3.0, search),
                 contrast: self.contrast,
                 noise: self.noise,
             };
-            let section = cross(
-                image,
-                &self.background,
-                curve.sum(&row),
-                direction,
-                &expected,
-            );
+            self.normals.push(Normal {
+                row,
+                place: curve.sum(&row),
+                direction: normal(&curve.sum(&slopes).normalize()),
+                expected,
+            });
+        }
+        let mut read = 0.0;
+        for n in &self.normals {
+            let reach = samples(&n.expected) as f64;
+            let from = n.place - n.direction * reach;
+            read += self.background.touch(image, from, n.direction, 2.0 * reach);
+        }
+        black_box(read);
+        for n in &self.normals {
+            let section = cross(image, &self.background, n.place, n.direction, &n.expected);
             let Some(Section {
                 offset,
                 sigma,
@@ -231,8 +257,8 @@ impl ImageTracker {
             noise += scatter;
             let floor = self.settings.normal_floor_px;
             self.offsets.push(Offset {
-                weights: row,
-                direction,
+                weights: n.row,
+                direction: n.direction,
                 value: offset,
                 variance: sigma * sigma + floor * floor,
             });
@@ -365,6 +391,22 @@ impl ImageTracker {
         self.background
             .refresh(image, curve.tip() + tangent * ahead, half);
     }
+}
+
+/// Standard deviation of a predicted curve across itself, at equal parameters \[px\].
+fn doubts(filter: &CurveFilter, curve: &Curve2, count: usize) -> [f64; DOUBTS] {
+    core::array::from_fn(|k| {
+        let (row, slopes) = weights_and_slopes(count, k as f64 / (DOUBTS - 1) as f64);
+        let across = normal(&curve.sum(&slopes).normalize());
+        filter.variance(&row, &across).sqrt()
+    })
+}
+
+/// The larger of the two values around `t`.
+fn between(values: &[f64; DOUBTS], t: f64) -> f64 {
+    let k = (t * (DOUBTS - 1) as f64) as usize;
+    let at = |k: usize| values[k.min(DOUBTS - 1)];
+    at(k).max(at(k + 1))
 }
 
 /// Residual of a measurement after a change of the state, in standard deviations.

@@ -1,7 +1,8 @@
 //! The needle in space: one polynomial curve fitted to both images through refracted rays.
 
-use nalgebra::{Cholesky, Const, Matrix2x3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix2x3, SMatrix, SVector, Vector2, Vector3};
 
+use super::cholesky::Factor;
 use super::curve::{Curve2, MOST, Weights, normal, slopes, weights};
 use super::filter::CurveFilter;
 use crate::camera::View;
@@ -84,18 +85,14 @@ impl Curve3 {
 
     /// Covariance of the point at `t` \[m2\].
     pub(super) fn point_covariance(&self, t: f64) -> SMatrix<f64, 3, 3> {
-        {
-            let row = weights(self.count, t);
-            self.covariance_between(&row, &row)
-        }
+        let row = weights(self.count, t);
+        self.covariance_between(&row, &row)
     }
 
     /// Covariance of the derivative at `t` \[m2\].
     pub(super) fn slope_covariance(&self, t: f64) -> SMatrix<f64, 3, 3> {
-        {
-            let row = slopes(self.count, t);
-            self.covariance_between(&row, &row)
-        }
+        let row = slopes(self.count, t);
+        self.covariance_between(&row, &row)
     }
 
     /// Moves control points along.
@@ -146,6 +143,7 @@ impl Curve3 {
         rounds: usize,
     ) -> bool {
         let curves = filters.map(CurveFilter::curve);
+        let mut last = None;
         for _ in 0..rounds {
             let mut equations = Normal::new(self);
             for ((view, filter), curve) in views.iter().zip(filters).zip(&curves) {
@@ -156,14 +154,14 @@ impl Curve3 {
                     return false;
                 }
             }
-            let Some(solved) = equations.solve() else {
+            let Some(factor) = Factor::new(&equations.information, 3 * self.count) else {
                 return false;
             };
-            let (step, covariance) = solved;
+            let step = factor.solve(&equations.pull);
+            last = Some(factor);
             for (i, point) in self.points.iter_mut().enumerate().take(self.count) {
                 *point += step.fixed_rows::<3>(3 * i);
             }
-            self.covariance = covariance;
             let moved = step.amax();
             if !moved.is_finite() || moved > 0.05 {
                 return false;
@@ -171,6 +169,9 @@ impl Curve3 {
             if moved < 1e-7 {
                 break;
             }
+        }
+        if let Some(factor) = last {
+            self.covariance = factor.inverse();
         }
         self.epipolar = self.disagreement(views, &curves).unwrap_or(f64::INFINITY);
         true
@@ -203,9 +204,6 @@ impl Normal {
             information: Information::zeros(),
             pull: State::zeros(),
         };
-        for k in 3 * count..STATES {
-            normal.information[(k, k)] = 1.0;
-        }
         normal.space(curve);
         normal
     }
@@ -292,7 +290,7 @@ impl Normal {
         let axis = curve.derivative(1.0).normalize();
         let bevel_px = (jacobians[count] * axis).norm() * lasting.bevel;
         covariance[(count, count)] += (LASTING_BEVEL * bevel_px).powi(2);
-        let inverse = Cholesky::new(covariance)?.inverse();
+        let inverse = Factor::new(&covariance, count + 1)?.inverse();
         for a in 0..=count {
             let (pa, ra) = block(a, count, &directions, &jacobians);
             for b in 0..=count {
@@ -321,12 +319,6 @@ impl Normal {
                 self.information[(axis, other)] += row[axis] * row[other];
             }
         }
-    }
-
-    fn solve(&self) -> Option<(State, Information)> {
-        let cholesky: Cholesky<f64, Const<STATES>> = Cholesky::new(self.information)?;
-        let covariance = cholesky.inverse();
-        Some((covariance * self.pull, covariance))
     }
 }
 

@@ -6,10 +6,12 @@
 )]
 
 use super::background::Background;
-use super::curve::{Curve2, normal};
+use super::curve::{Curve2, normal, weights_and_slopes};
 use super::section::{beside, mass};
 use super::silhouette::{Falloff, TipView};
+use core::hint::black_box;
 use hal::GrayImage;
+use nalgebra::Vector2;
 
 /// Most stations along the axis.
 const STATIONS: usize = 96;
@@ -69,15 +71,24 @@ fn run(
         masses: [0.0; STATIONS],
         count,
     };
-    for (k, value) in run.masses.iter_mut().enumerate().take(count) {
+    let mut stations = [(Vector2::zeros(), Vector2::zeros()); STATIONS];
+    let mut read = 0.0;
+    for (k, station) in stations.iter_mut().enumerate().take(count) {
         let u = -behind + k as f64;
         let (centre, direction) = if u < 0.0 {
-            let t = 1.0 + u / speed;
-            (curve.at(t), curve.derivative(t).normalize())
+            let (row, slopes) = weights_and_slopes(curve.control_points().len(), 1.0 + u / speed);
+            (curve.sum(&row), curve.sum(&slopes).normalize())
         } else {
             (tip + tangent * u, tangent)
         };
-        let aside = normal(&direction);
+        *station = (centre, normal(&direction));
+    }
+    for (centre, aside) in stations.iter().take(count) {
+        let far = across + 2.5;
+        read += background.touch(image, centre - aside * far, *aside, 2.0 * far);
+    }
+    black_box(read);
+    for (value, (centre, aside)) in run.masses.iter_mut().zip(stations).take(count) {
         let even = beside(image, background, centre, aside, across + 1.5)?;
         *value = mass(image, background, centre, aside, across as usize, even)? / even;
     }
