@@ -18,7 +18,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let first: u64 = arguments.next().unwrap_or_else(|| "1".into()).parse()?;
     let count: u64 = arguments.next().unwrap_or_else(|| "50".into()).parse()?;
     let settings = Settings::preset(&preset)?;
-    let config = config::load(None, &[format!("run.phantom={preset}")])?;
+    let sensor = "run.sensor=\"shape\"".to_owned();
+    let config = config::load(None, &[format!("run.phantom={preset}"), sensor])?;
     let bending = needle_steer::springs::needle(&config)?.bending_stiffness();
     let seeds: Vec<u64> = (first..first + count).collect();
     let found = in_parallel(&seeds, 2, |seed| one(&config, *seed));

@@ -293,6 +293,8 @@ fn a_report_is_one_page_that_fetches_nothing() {
         "Limits that acted",
         "Time of a step",
         "\"sliders\"",
+        "What the cameras saw",
+        "<polyline",
         "[run]",
     ] {
         assert!(page.contains(part), "{part}");

@@ -291,6 +291,9 @@ impl Observer for Recorder {
         if let Some(session) = &mut self.session {
             session.images(pair, tracked);
         }
+        if let Some(journal) = &mut self.journal {
+            journal.images(pair, tracked);
+        }
     }
 
     fn step(&mut self, telemetry: &Telemetry) {
