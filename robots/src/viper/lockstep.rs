@@ -261,7 +261,13 @@ fn settle(shared: &Shared, emulator: &Emulator) {
         let driver = shared.core().traffic();
         let controller = emulator.traffic();
         let quiet = driver.is_quiet && controller.is_quiet;
-        if quiet && driver.sent == controller.received && driver.received == controller.sent {
+        // The system completes a connection before the controller's program has taken it.
+        let agreed = driver.connections == controller.connections;
+        if quiet
+            && agreed
+            && driver.sent == controller.received
+            && driver.received == controller.sent
+        {
             return;
         }
         nap();
@@ -281,6 +287,8 @@ fn nap() {
 pub(super) struct Traffic {
     pub(super) sent: u64,
     pub(super) received: u64,
+    /// Connections that stand, as this end sees it.
+    pub(super) connections: usize,
     /// Nothing waits to be sent or connected.
     pub(super) is_quiet: bool,
 }

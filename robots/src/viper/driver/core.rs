@@ -246,7 +246,9 @@ impl Core {
 
     pub(in crate::viper) fn traffic(&self) -> Traffic {
         let is_quiet = !self.link.is_connecting() && !self.session.has_output();
+        let is_linked = self.link.is_greeting() || self.link.is_up();
         Traffic {
+            connections: if is_linked { Port::ALL.len() } else { 0 },
             is_quiet,
             ..self.traffic
         }

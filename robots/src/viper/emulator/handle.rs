@@ -128,6 +128,7 @@ impl Emulator {
             ..Traffic::default()
         };
         for connection in &controller.connections {
+            traffic.connections += usize::from(connection.open);
             traffic.sent += connection.sent;
             traffic.received += connection.received;
             let due = connection
