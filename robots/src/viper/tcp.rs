@@ -103,6 +103,7 @@ impl Transport {
             // A panic of the thread has been reported on its way.
             let _ = thread.join();
         }
+        self.shared.core().close();
     }
 }
 
