@@ -124,6 +124,57 @@ fn a_static_dark_bar_across_the_shaft() {
     }
 }
 
+/// The model shows nothing of the needle until its tip is so deep; until then images count as
+/// background, though the needle's end is in them.
+#[test]
+fn a_needle_that_was_learned_as_background_starts_at_its_tip() {
+    const IN_SIGHT: f64 = 2.5e-3;
+    const ADVANCE: f64 = 33e-6;
+    let scene = Scene::new(rig(640), 9);
+    for azimuth in [0.8, 1.6] {
+        let mut needle = Needle::bent(0.8e-3, 1.57e-3, azimuth);
+        let appearance = Appearance {
+            diameter: 0.7e-3,
+            bevel_length: needle.bevel_length,
+        };
+        let settings = TrackSettings::default();
+        let mut tracker = StereoTracker::new(&scene.rig, appearance, &settings).unwrap();
+        let mut started = None;
+        for number in 1..=220 {
+            needle.depth += ADVANCE;
+            let seen = needle.depth - IN_SIGHT;
+            let guess: Vec<_> = (0..=10)
+                .filter(|_| seen > 0.0)
+                .map(|i| needle.point(IN_SIGHT + seen * f64::from(i) / 10.0).into())
+                .collect();
+            let context = Context {
+                guess: Some(&guess),
+                bevel: Some(needle.bevel_direction().into_inner()),
+                ..advance(ADVANCE)
+            };
+            let t = tracker
+                .track(&scene.pair(&needle, number), &context)
+                .unwrap();
+            if t.status == Tracking::Tracked {
+                started.get_or_insert(needle.depth);
+                let e = (t.shape.tip.position.coords() - needle.point(needle.depth)).norm();
+                // Twice the most that was seen; the sharp point lies 1.57 mm ahead.
+                assert!(e < 0.1e-3, "azimuth {azimuth}, {number}: {e}");
+            } else {
+                assert!(
+                    started.is_none(),
+                    "azimuth {azimuth}, {number}: {:?}",
+                    t.loss
+                );
+            }
+        }
+        // The shortest visible shaft, 12 px, is 3 mm.
+        let depth = started.unwrap();
+        println!("azimuth {azimuth}: started at {depth}");
+        assert!(depth < IN_SIGHT + 4e-3, "azimuth {azimuth}: {depth}");
+    }
+}
+
 #[test]
 fn blank_frames_are_named_noticed_and_survived() {
     let scene = Scene::new(rig(640), 5);

@@ -18,8 +18,9 @@ pub(super) struct CurveFilter {
     count: usize,
     state: State,
     covariance: Covariance,
-    /// Information form during an update.
+    /// Information form during an update, and its vector.
     information: Covariance,
+    pull: State,
 }
 
 /// What is known of a curve's change between two images.
@@ -74,6 +75,7 @@ impl CurveFilter {
             state,
             covariance,
             information: Covariance::zeros(),
+            pull: State::zeros(),
         };
         let length = curve.length();
         filter.loosen(&[
@@ -203,13 +205,30 @@ impl CurveFilter {
         sum
     }
 
-    /// Starts an update from independent measurements.
-    pub(super) fn begin(&mut self) -> bool {
-        let factor = Factor::new(&self.covariance, self.states());
-        if let Some(factor) = &factor {
-            self.information = factor.inverse();
+    /// Starts an update from independent measurements. The needle bends by no more than about
+    /// `curvature` \[1/px\], which is what keeps a short shaft straight.
+    pub(super) fn begin(&mut self, curvature: f64) -> bool {
+        let Some(factor) = Factor::new(&self.covariance, self.states()) else {
+            return false;
+        };
+        self.information = factor.inverse();
+        self.pull = State::zeros();
+        let spacing = self.curve().derivative(1.0).norm() / (self.count - 1) as f64;
+        let weight = 1.0 / (curvature * spacing * spacing).powi(2).max(1e-6);
+        let bend = [1.0, -2.0, 1.0];
+        for first in 0..self.count - 2 {
+            for axis in 0..2 {
+                let at = |k: usize| 2 * (first + k) + axis;
+                let bent: f64 = (0..3).map(|k| bend[k] * self.state[at(k)]).sum();
+                for a in 0..3 {
+                    self.pull[at(a)] -= weight * bend[a] * bent;
+                    for b in 0..3 {
+                        self.information[(at(a), at(b))] += weight * bend[a] * bend[b];
+                    }
+                }
+            }
         }
-        factor.is_some()
+        true
     }
 
     /// Adds measurements to what [`Self::begin`] prepared and solves: each by its share, their
@@ -217,7 +236,7 @@ impl CurveFilter {
     pub(super) fn solve(&self, offsets: &[Offset], shares: &[f64], scale: f64) -> Option<Solution> {
         // Of the symmetric sum the lower half is filled, which is what is factored.
         let mut information = self.information;
-        let mut pull = State::zeros();
+        let mut pull = self.pull;
         for (offset, share) in offsets.iter().zip(shares) {
             if *share <= 0.0 {
                 continue;

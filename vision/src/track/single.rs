@@ -21,10 +21,15 @@ use super::tip::{self, TipSearch};
 
 /// Normals that must agree, as a share of all and at least.
 const SURVIVORS: (f64, usize) = (0.35, 8);
+/// Fewest normals, on the shortest shafts.
+const LEAST: usize = 20;
 /// Gate of an innovation, in standard deviations (99.9 %).
 const GATE: f64 = 3.3;
 /// Misfit of the tip's silhouette above which it is no tip.
 const MISFIT: f64 = 0.14;
+/// Sharpest bend of a needle relative to its width: twice the elastic limit of steel needles,
+/// whose outer fibres strain by 0.35 %.
+const BEND: f64 = 0.014;
 /// Images that are averaged to a background while no needle is in sight.
 const LEARNED: u32 = 16;
 
@@ -189,7 +194,7 @@ impl ImageTracker {
         filter.predict(&Change { start, ..*change });
         let found = if self.background.fits(image) {
             self.shaft(image, &mut filter, look)
-                .and_then(|()| self.tip(image, &mut filter, look))
+                .and_then(|()| self.tip(image, &mut filter, look).map(drop))
         } else {
             Err(Flaw::Shaft)
         };
@@ -214,7 +219,9 @@ impl ImageTracker {
         let search = self.settings.search_px * self.scale;
         let (mut contrast, mut noise) = (0.0, 0.0);
         self.offsets.clear();
-        let wanted = self.settings.normals;
+        // Normals closer than a pixel see the same noise.
+        let length = curve.length();
+        let wanted = self.settings.normals.min(length as usize).max(LEAST);
         let count = self.settings.control_points;
         let ends = look.width / curve.derivative(1.0).norm().max(1.0);
         let doubts = doubts(filter, &curve, count);
@@ -268,7 +275,7 @@ impl ImageTracker {
             return Err(Flaw::Shaft);
         }
         let contrast = contrast / self.offsets.len() as f64;
-        let solution = self.robust(filter).ok_or(Flaw::Shaft)?;
+        let solution = self.robust(filter, look).ok_or(Flaw::Shaft)?;
         let survivors = self.shares.iter().filter(|share| **share > 0.2).count();
         if survivors < enough {
             return Err(Flaw::Shaft);
@@ -281,10 +288,10 @@ impl ImageTracker {
     }
 
     /// Tukey's weights, from a scale found in the residuals themselves.
-    fn robust(&mut self, filter: &mut CurveFilter) -> Option<Solution> {
+    fn robust(&mut self, filter: &mut CurveFilter, look: &Look) -> Option<Solution> {
         /// Tukey's constant, for 95 % efficiency on Gaussian noise.
         const TUKEY: f64 = 4.685;
-        if !filter.begin() {
+        if !filter.begin(BEND / look.width) {
             return None;
         }
         self.shares.clear();
@@ -312,13 +319,13 @@ impl ImageTracker {
         Some(solution)
     }
 
-    /// Finds the tip and updates the filter.
+    /// Finds the tip and updates the filter; false where the background hides it.
     fn tip(
         &mut self,
         image: &GrayImage,
         filter: &mut CurveFilter,
         look: &Look,
-    ) -> Result<(), Flaw> {
+    ) -> Result<bool, Flaw> {
         let curve = filter.curve();
         let end = weights(self.settings.control_points, 1.0);
         let tangent = curve.derivative(1.0).normalize();
@@ -327,7 +334,7 @@ impl ImageTracker {
             (4.0 * doubt.sqrt() + 1.5 * self.scale).min(self.settings.search_px * self.scale);
         if self.hidden(&curve, &tangent, near, look) {
             // Odometry carries the tip on, and its variance says how far that can be trusted.
-            return Ok(());
+            return Ok(false);
         }
         let wide = self.settings.search_px * self.scale;
         let seek = |reach: f64| {
@@ -364,15 +371,15 @@ impl ImageTracker {
         }
         filter.update(&offset);
         self.jumped = None;
-        Ok(())
+        Ok(true)
     }
 
     /// Whether the tip, or the shaft just behind it, is before a bubble as dark as the needle.
     fn hidden(&self, curve: &Curve2, tangent: &Vector2<f64>, reach: f64, look: &Look) -> bool {
         let margin = 3.0 * self.scale;
         let aside = normal(tangent) * (12.0 * self.scale);
-        // So far behind the tip the shaft is compared with it.
-        let mut ahead = -(reach + 8.0);
+        // So far behind the tip the shaft is compared with it, if there is as much of it.
+        let mut ahead = -tip::behind(reach, curve);
         while ahead <= look.bevel_px + margin {
             let place = curve.tip() + tangent * ahead;
             if self.background.hides(place, aside) {

@@ -63,7 +63,7 @@ fn run(
     let tangent = curve.derivative(1.0) / speed;
     let tip = curve.tip();
     let across = (0.5 * search.width + 1.5).round();
-    let behind = (search.reach + 8.0).min(0.8 * speed).floor();
+    let behind = behind(search.reach, curve).floor();
     let ahead = (search.reach + search.bevel_px + 3.0 * search.blur + 2.0).ceil();
     let count = ((behind + ahead) as usize + 1).min(STATIONS);
     let mut run = Run {
@@ -93,6 +93,11 @@ fn run(
         *value = mass(image, background, centre, aside, across as usize, even)? / even;
     }
     Some(run)
+}
+
+/// How far behind the end of `curve` the shaft is compared with it \[px\].
+pub(super) fn behind(reach: f64, curve: &Curve2) -> f64 {
+    (reach + 8.0).min(0.8 * curve.derivative(1.0).norm())
 }
 
 /// Finds the tip near the end of `curve`; nothing where no fall of the darkness fits.

@@ -38,7 +38,10 @@ impl ImageTracker {
         self.jumped = None;
         self.shaft(image, &mut filter, look)?;
         filter.free_tip(self.settings.search_px * self.scale);
-        self.tip(image, &mut filter, look)?;
+        if !self.tip(image, &mut filter, look)? {
+            // Where a bubble ends is not where the needle does.
+            return Err(Flaw::Tip);
+        }
         if filter.curve().length() < self.settings.visible_px * self.scale {
             return Err(Flaw::Shaft);
         }
@@ -89,7 +92,7 @@ impl ImageTracker {
         if self.offsets.len() < SURVIVORS.1 {
             return None;
         }
-        let solution = self.robust(&mut filter)?;
+        let solution = self.robust(&mut filter, look)?;
         filter.accept(&solution);
         Some(filter.curve())
     }
