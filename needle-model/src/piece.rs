@@ -195,10 +195,14 @@ impl Products {
     }
 }
 
-/// Whether a piece takes many quadrature points: so that its length is true to far below a
-/// nanometre however the needle bends.
-fn is_long(first: bool, l: f64) -> bool {
-    first || l > SHORT_PIECE
+/// The quadrature points of a piece: many for a long one, so that its length is true to far below
+/// a nanometre however the needle bends.
+fn rule(first: bool, l: f64) -> &'static [Point] {
+    if first || l > SHORT_PIECE {
+        &LONG
+    } else {
+        &SHORT
+    }
 }
 
 impl Piece {
@@ -211,8 +215,7 @@ impl Piece {
         z: &Vector3<f64>,
         first: bool,
     ) {
-        let rule: &[Point] = if is_long(first, b.l) { &LONG } else { &SHORT };
-        self.with_rule(stiffness, a, b, z, rule);
+        self.with_rule(stiffness, a, b, z, rule(first, b.l));
     }
 
     /// Forces, slack and roll of the piece between the nodes, in place; the gradients stay those of
@@ -226,7 +229,6 @@ impl Piece {
         z: &Vector3<f64>,
         first: bool,
     ) {
-        let rule: &[Point] = if is_long(first, b.l) { &LONG } else { &SHORT };
         let inverse = 1.0 / b.l;
         let delta = b.p - a.p;
         let (sum, turn) = (a.d + b.d, b.d - a.d);
@@ -234,7 +236,7 @@ impl Piece {
         let tilt = turn * (stiffness * inverse);
         let products = Products::new(z, &[delta * inverse, a.d, b.d]);
         let (mut excess, mut roll) = (-1.0, 0.0);
-        for point in rule {
+        for point in rule(first, b.l) {
             let (norm, along, triple) = products.at(point);
             excess += point.w * norm;
             roll += point.w * triple / (norm * (norm + along));

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::Command;
 
-const MEMBERS: [&str; 9] = [
+pub(crate) const MEMBERS: [&str; 9] = [
     "hal",
     "needle-model",
     "hybrid-control",
@@ -21,15 +21,8 @@ fn allowed(member: &str) -> &'static [&'static str] {
     match member {
         "hybrid-control" => &["hal", "needle-model"],
         "vision" | "robots" | "phantom" | "rosbridge" => &["hal"],
-        "needle-steer" => &[
-            "hal",
-            "needle-model",
-            "hybrid-control",
-            "vision",
-            "robots",
-            "phantom",
-            "rosbridge",
-        ],
+        // The application may use every library; they stand before it.
+        "needle-steer" => &MEMBERS[..7],
         _ => &[],
     }
 }

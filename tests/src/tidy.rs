@@ -2,21 +2,13 @@
 
 use std::path::PathBuf;
 
+use crate::arrows::MEMBERS;
 use crate::equations::rust_files;
 
 fn sources() -> Vec<(PathBuf, String)> {
     let root = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     let mut files = Vec::new();
-    for member in [
-        "hal",
-        "needle-model",
-        "hybrid-control",
-        "vision",
-        "robots",
-        "phantom",
-        "rosbridge",
-        "needle-steer",
-    ] {
+    for member in MEMBERS.iter().filter(|member| **member != "tests") {
         rust_files(&root.join(member).join("src"), &mut files);
     }
     files

@@ -106,6 +106,9 @@ pub(super) fn quoted(value: &str) -> String {
 
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let config = args.config()?;
+    if let Some(out) = &args.out {
+        is_free(out)?;
+    }
     ros::choose_master(&config)?;
     let controls = interrupt_flag()?;
     let link = Link::new(&config)?;
@@ -127,7 +130,6 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let out = match &args.out {
         Some(out) => {
             std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-            is_free(out)?;
             Some(out.clone())
         }
         None if config.run.dry_run => None,
