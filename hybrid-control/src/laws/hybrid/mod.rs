@@ -68,10 +68,15 @@ impl Hybrid {
         let tilt_max = view.limits.tilt_speed_deg_s.to_radians();
         let lateral_max = view.limits.lateral_speed_mm_s * 1e-3;
         let height = (view.world_from_base.translation.vector - view.entry.point.coords).norm();
-        let pivot = (self.plan.pivot * gain)
-            .cap_magnitude(tilt_max)
-            .cap_magnitude(0.7 * lateral_max / height.max(1e-3));
-        let shift = (self.plan.shift * gain).cap_magnitude(0.2 * lateral_max);
+        let pivot = self.plan.pivot * gain;
+        let shift = self.plan.shift * gain;
+        // Pivot and shift may work against each other on the miss, to spare the entry: they go
+        // in step, or the faster one would make the miss worse than either plan.
+        let pivot_most = tilt_max.min(0.7 * lateral_max / height.max(1e-3));
+        let over = (pivot.norm() / pivot_most)
+            .max(shift.norm() / (0.2 * lateral_max))
+            .max(1.0);
+        let (pivot, shift) = (pivot / over, shift / over);
         self.plan.pivot -= pivot * view.dt;
         self.plan.shift -= shift * view.dt;
         let unload = (self.plan.unload * s.unload_gain_per_s).cap_magnitude(0.1 * lateral_max);
