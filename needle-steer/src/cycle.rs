@@ -9,7 +9,7 @@ use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, StereoFrame, Transf
 use hybrid_control::view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
 use hybrid_control::{
     Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, TissueField,
-    TissueMotion, lateral_error, law_by_name, target_ahead,
+    TissueMotion, TissueSway, lateral_error, law_by_name, target_ahead,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::{RateSettings, TurnBudget};
@@ -28,6 +28,8 @@ use crate::withdrawal::Withdrawal;
 const ODOMETRY: usize = 256;
 /// Travel of the last joint that no law may use \[rad\].
 const TURN_MARGIN: f64 = 0.02;
+/// Depth up to which a path is laid anew when its tissue turns out to breathe \[m\].
+const SHORT_PATH: f64 = 0.015;
 
 /// Everything a step reads.
 #[derive(Clone, Copy, Debug)]
@@ -88,6 +90,8 @@ pub struct Cycle {
     estimator: Estimator,
     /// Where the target is a marker: how the tissue moves.
     motion: Option<TissueMotion>,
+    /// Where it is not: whether the needle is seen to be carried to and fro.
+    sway: Option<TissueSway>,
     /// Tissue now; nothing where it does not move.
     field: Option<TissueField>,
     springs: SpringsModel,
@@ -132,6 +136,8 @@ impl Cycle {
             estimator,
             motion: (config.target.kind == TargetKind::Marker)
                 .then(|| TissueMotion::new(&config.motion, &entry)),
+            sway: (config.target.kind != TargetKind::Marker && config.motion.sway)
+                .then(|| TissueSway::new(&config.motion, &entry)),
             field: None,
             springs: SpringsModel::new(config, &world_from_base)?,
             straight: law_by_name("none", &config.law)?,
@@ -216,6 +222,8 @@ impl Cycle {
                 motion.observe(seen.stamp, place.point(), seen.sigma);
             }
             self.field = Some(motion.field_to_follow(snapshot.now));
+        } else if let Some(sway) = &self.sway {
+            self.field = sway.field_to_follow(snapshot.now);
         }
         let base = self.field.map_or(*base, |field| field.pose_to_rest(base));
         if matches!(snapshot.phase, Phase::PreInsertion | Phase::Steering) {
@@ -261,7 +269,10 @@ impl Cycle {
                 (shape.tip.covariance.trace() / 3.0).sqrt(),
             );
         }
-        let then = self.motion.as_ref().map(|motion| motion.field(shape.stamp));
+        let then = match &self.motion {
+            Some(motion) => Some(motion.field(shape.stamp)),
+            None => self.sway.as_ref().and_then(|s| s.field(shape.stamp)),
+        };
         let place = |p: &Position<LeftCamera>| {
             let point = *(*world_from_camera * *p).point();
             then.map_or(point, |field| field.point_to_rest(&point))
@@ -281,6 +292,7 @@ impl Cycle {
                 direction_sigma: shape.tip.direction_sigma,
                 shaft: &self.shaft,
             });
+            self.tell_sway(shape, &base, variance.sqrt());
             self.telemetry.tracking = match health {
                 Health::Used => Tracking::Tracked,
                 Health::Stale | Health::Rejected => Tracking::Predicted,
@@ -288,6 +300,18 @@ impl Cycle {
         }
         self.telemetry.image_stamp = Some(shape.stamp);
         shape.tip
+    }
+
+    /// What the estimator cannot explain of the tip's way may be the tissue's. A path laid while
+    /// breathing was taken for cutting is laid anew.
+    fn tell_sway(&mut self, shape: &SensedShape, base: &Isometry3<f64>, sigma: f64) {
+        let Some(sway) = &mut self.sway else { return };
+        let tip = self.bearings.world_from_left_camera * shape.tip.position;
+        let unexplained = tip.coords() - self.estimator.explained_way();
+        let told = sway.observe(shape.stamp, &unexplained, sigma);
+        if told && self.estimator.depth() < SHORT_PATH && self.estimator.begin_anew(base).is_err() {
+            // The estimator goes on with what it has.
+        }
     }
 
     /// Springs model at the present base, its springs born at the filtered tip.
@@ -330,6 +354,10 @@ impl Cycle {
             // None set yet: far ahead on the tip axis.
             None => Point3::from(tip.world_from_tip.translation.vector + tip.axis()),
         };
+        let position = match (&self.sway, &self.field) {
+            (Some(sway), Some(_)) => sway.target_at_rest(&position),
+            _ => position,
+        };
         Target {
             position,
             velocity: Vector3::zeros(),
@@ -356,14 +384,29 @@ impl Cycle {
             estimator: &self.estimator,
             roll_travel: self.roll_travel(snapshot.arm),
             limits: &self.limits,
-            insertion_speed: self.insertion_speed,
+            insertion_speed: self.timed_speed(snapshot.now),
         };
         match snapshot.phase {
             Phase::PreInsertion => self.straight.decide(&view),
+            Phase::Steering if self.is_learning() => Decision::hold(),
             Phase::Steering => self.law.decide(&view),
             Phase::Retracting => self.retract(base),
             _ => Decision::hold(),
         }
+    }
+
+    /// Nominal speed, or that with which a target at hand is passed where breathing tissue dwells.
+    fn timed_speed(&self, now: Stamp) -> f64 {
+        let ahead = self.telemetry.axial_distance;
+        match (&self.sway, self.target) {
+            (Some(sway), Some(_)) => sway.timed_speed(now, ahead, self.insertion_speed),
+            _ => self.insertion_speed,
+        }
+    }
+
+    /// A breath is awaited standing still where the tissue turns out to breathe.
+    fn is_learning(&self) -> bool {
+        self.sway.as_ref().is_some_and(TissueSway::is_learning)
     }
 
     /// Back along the way the base came; holds at its start.
@@ -438,9 +481,12 @@ impl Cycle {
         t.joint_rates = rates.rates;
         let now = |pose: &Isometry3<f64>| self.field.map_or(*pose, |f| f.pose_from_rest(pose));
         let world_from_tip = now(&tip.world_from_tip);
-        let place = self
-            .field
-            .map_or(target.position, |f| f.point_from_rest(&target.position));
+        let carried = self.field.filter(|_| self.motion.is_some());
+        let place = match (carried, self.target) {
+            (None, Some(given)) => *(self.bearings.world_from_left_camera * given).point(),
+            (None, None) => target.position,
+            (Some(field), _) => field.point_from_rest(&target.position),
+        };
         t.world_from_base = Transform::assume(now(base));
         t.world_from_tip = Transform::assume(world_from_tip);
         t.base_twist = decision.twist;
@@ -450,7 +496,7 @@ impl Cycle {
             t.tracking = Tracking::Predicted;
         }
         if let Some(given) = self.target {
-            t.target = if self.field.is_some() {
+            t.target = if carried.is_some() {
                 self.bearings.world_from_left_camera.inverse() * Position::new(place)
             } else {
                 given

@@ -61,6 +61,9 @@ pub struct Estimator {
     /// Measured minus modelled slope of the tip, slowly filtered.
     slope_offset: Vector2<f64>,
     observations: u64,
+    /// Way of the tip as far as the model moved it, without what measurements changed \[m, World\].
+    way: Vector3<f64>,
+    start: Start,
 }
 
 fn positive(quantity: &'static str, value: f64) -> Result<(), EstimatorError> {
@@ -140,6 +143,8 @@ impl Estimator {
             depth_offset: 0.0,
             slope_offset: Vector2::zeros(),
             observations: 0,
+            way: Vector3::zeros(),
+            start: *start,
         })
     }
 
@@ -326,6 +331,27 @@ impl Estimator {
         self.present.rod.mean_stretch(&self.present.path, X, Y)
     }
 
+    /// Lateral way of O since the start as the model alone explains it, at the newest measurement
+    /// \[m, World\].
+    pub fn explained_way(&self) -> Vector3<f64> {
+        self.way - self.lateral(&(planar(&self.measured.rod.tip_slope()) * self.reach))
+    }
+
+    /// Forgets what was measured so far: the path is laid anew, straight, by the next measurement.
+    ///
+    /// # Errors
+    /// None that [`Estimator::new`] did not have.
+    pub fn begin_anew(&mut self, world_from_base: &Isometry3<f64>) -> Result<(), EstimatorError> {
+        let start = Start {
+            world_from_base: *world_from_base,
+            ..self.start
+        };
+        let way = self.way;
+        *self = Self::new(&self.settings.clone(), &start)?;
+        self.way = way;
+        Ok(())
+    }
+
     /// Insertion frame: origin at the entry at rest, z into the tissue, in World.
     pub fn world_from_insertion(&self) -> &Isometry3<f64> {
         &self.world_from_insertion
@@ -360,6 +386,7 @@ impl Estimator {
     }
 
     fn advance_measured(&mut self, base: &Isometry3<f64>) {
+        let before = self.measured.filter.position();
         advance(
             &mut self.measured,
             base,
@@ -369,6 +396,7 @@ impl Estimator {
             &self.stiffness,
             &self.settings,
         );
+        self.way += self.lateral(&(self.measured.filter.position() - before));
     }
 
     fn tip(&self, age: f64) -> Tip {

@@ -42,7 +42,12 @@ struct Member {
     p: SMatrix<f64, N, N>,
     evidence: f64,
     weight: f64,
+    /// Tissue that does not breathe: no harmonics.
+    still: bool,
 }
+
+/// How much likelier than breathing stillness is before anything was seen, as a logarithm.
+const STILL: f64 = 5.0;
 
 impl MarkerTrack {
     /// A track before its first measurement.
@@ -64,6 +69,7 @@ impl MarkerTrack {
                 p: SMatrix::from_diagonal(&variance),
                 evidence: -0.5 * (off / settings.breathing_sigma).powi(2),
                 weight: 0.0,
+                still: false,
             }
         };
         let mut track = Self {
@@ -74,6 +80,69 @@ impl MarkerTrack {
         };
         track.weigh();
         track
+    }
+
+    /// A track of what may not breathe at all: a filter without harmonics competes.
+    pub(super) fn or_still(settings: &MotionSettings) -> Self {
+        let mut track = Self::new(settings);
+        let mut variance = SMatrix::<f64, N, N>::zeros();
+        variance[(0, 0)] = (settings.amplitude_mm * 1e-3).powi(2);
+        track.bank.push(Member {
+            rate: TAU * settings.breathing_hz,
+            x: SMatrix::zeros(),
+            p: variance,
+            evidence: STILL,
+            weight: 0.0,
+            still: true,
+        });
+        track.weigh();
+        track
+    }
+
+    /// How probable it is that nothing breathes.
+    pub(super) fn stillness(&self) -> f64 {
+        self.bank.iter().filter(|m| m.still).map(|m| m.weight).sum()
+    }
+
+    /// The likeliest rate of breathing \[Hz\] and the periodic part of the position that goes with
+    /// it, as a function of the time from the last measurement on \[s\].
+    pub(super) fn likeliest(&self) -> Option<(f64, impl Fn(f64) -> Vector3<f64> + '_)> {
+        let member = self
+            .bank
+            .iter()
+            .filter(|m| !m.still)
+            .max_by(|a, b| a.weight.total_cmp(&b.weight))?;
+        let mean = member.x.row(0).transpose();
+        Some((member.rate / TAU, move |ahead: f64| {
+            member.at(ahead).0 - mean
+        }))
+    }
+
+    /// Periodic part of the position \[m\] and its rate \[m/s\] at `stamp` and `ahead` \[s\] more.
+    pub(super) fn swing(&self, stamp: Stamp, ahead: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let (place, rate) = self.at(stamp, ahead);
+        let mean: Vector3<f64> = self
+            .bank
+            .iter()
+            .filter(|m| m.weight > 1e-6)
+            .map(|m| m.x.row(0).transpose() * m.weight)
+            .sum();
+        (place - mean, rate)
+    }
+
+    /// Rate of breathing, if there is any, with its standard deviation \[Hz\].
+    pub(super) fn rate(&self) -> (f64, f64) {
+        let moving = || self.bank.iter().filter(|m| !m.still);
+        let total = moving().map(|m| m.weight).sum::<f64>().max(1e-12);
+        let mean = moving().map(|m| m.weight * m.rate).sum::<f64>() / total;
+        let square = |m: &Member| m.weight * (m.rate - mean).powi(2);
+        let variance = moving().map(square).sum::<f64>() / total;
+        (mean / TAU, variance.sqrt() / TAU)
+    }
+
+    /// Time of the newest measurement.
+    pub(super) const fn stamp(&self) -> Option<Stamp> {
+        self.stamp
     }
 
     /// Takes in a position with its standard deviation per axis \[m\]; whether it could be used.
@@ -159,7 +228,11 @@ impl Member {
             f[(at, at + 1)] = sine;
             f[(at + 1, at)] = -sine;
             f[(at + 1, at + 1)] = cosine;
-            let walk = (amplitude_walk / order).powi(2) * dt;
+            let walk = if self.still {
+                0.0
+            } else {
+                (amplitude_walk / order).powi(2) * dt
+            };
             noise[at] = walk;
             noise[at + 1] = walk;
         }
