@@ -290,6 +290,19 @@ impl Estimator {
         self.present.filter.disturbance()
     }
 
+    /// Standard deviation of the predicted end of a way of `remaining` \[m\], by what is not known
+    /// of the bevel, at its full reach `bevel` \[m\], and of the disturbance, now and to come.
+    pub(crate) fn end_sigma(&self, remaining: f64, bevel: f64) -> f64 {
+        let (p, g) = (&self.present.filter.p, self.present.filter.bevel().norm());
+        let by_bevel = bevel * (0.5 * (p[(4, 4)] + p[(5, 5)])).max(0.0).sqrt() / g.max(1e-6);
+        let fade = self.settings.disturbance_fade_mm * 1e-3;
+        let way = fade * (1.0 - (-remaining / fade).exp());
+        let by_disturbance = way * (0.5 * (p[(2, 2)] + p[(3, 3)])).max(0.0).sqrt();
+        let walk = self.settings.disturbance_walk_deg.to_radians();
+        let to_come = remaining * walk * (remaining / 10e-3 / 3.0).sqrt();
+        by_bevel.hypot(by_disturbance).hypot(to_come)
+    }
+
     /// Free length of the needle \[m\].
     pub fn needle_length(&self) -> f64 {
         self.length - self.reach
