@@ -9,7 +9,7 @@ use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, StereoFrame, Transf
 use hybrid_control::view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
 use hybrid_control::{
     Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, TissueField,
-    TissueMotion, TissueSway, lateral_error, law_by_name, target_ahead,
+    lateral_error, law_by_name, target_ahead,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::{RateSettings, TurnBudget};
@@ -18,10 +18,11 @@ use vision::track::TrackSettingsError;
 
 pub use crate::bearings::{Bearings, base_pose};
 use crate::bearings::{entry_point, first_telemetry};
-use crate::config::{Config, TargetKind};
+use crate::config::Config;
 use crate::odometry::Odometry;
 use crate::sight::Sight;
 use crate::springs::{self, SpringsError, SpringsModel};
+use crate::tissue::Tissue;
 use crate::withdrawal::Withdrawal;
 
 /// Poses kept: more than a second at any arm's rate.
@@ -88,10 +89,7 @@ pub struct Cycle {
     odometry: Odometry,
     withdrawal: Withdrawal,
     estimator: Estimator,
-    /// Where the target is a marker: how the tissue moves.
-    motion: Option<TissueMotion>,
-    /// Where it is not: whether the needle is seen to be carried to and fro.
-    sway: Option<TissueSway>,
+    tissue: Tissue,
     /// Tissue now; nothing where it does not move.
     field: Option<TissueField>,
     springs: SpringsModel,
@@ -134,10 +132,7 @@ impl Cycle {
             odometry: Odometry::new(ODOMETRY),
             withdrawal: Withdrawal::default(),
             estimator,
-            motion: (config.target.kind == TargetKind::Marker)
-                .then(|| TissueMotion::new(&config.motion, &entry)),
-            sway: (config.target.kind != TargetKind::Marker && config.motion.sway)
-                .then(|| TissueSway::new(&config.motion, &entry)),
+            tissue: Tissue::of(config, &entry),
             field: None,
             springs: SpringsModel::new(config, &world_from_base)?,
             straight: law_by_name("none", &config.law)?,
@@ -216,15 +211,12 @@ impl Cycle {
 
     /// The base where the tissue is at rest: estimator, model and law work there.
     fn at_rest(&mut self, snapshot: &Snapshot<'_>, base: &Isometry3<f64>) -> Isometry3<f64> {
-        if let Some(motion) = &mut self.motion {
-            if let Some(seen) = snapshot.marker {
-                let place = self.bearings.world_from_left_camera * seen.position;
-                motion.observe(seen.stamp, place.point(), seen.sigma);
-            }
-            self.field = Some(motion.field_to_follow(snapshot.now));
-        } else if let Some(sway) = &self.sway {
-            self.field = sway.field_to_follow(snapshot.now);
+        if let Some(seen) = snapshot.marker {
+            let place = self.bearings.world_from_left_camera * seen.position;
+            self.tissue
+                .see_marker(seen.stamp, place.point(), seen.sigma);
         }
+        self.field = self.tissue.field_to_follow(snapshot.now);
         let base = self.field.map_or(*base, |field| field.pose_to_rest(base));
         if matches!(snapshot.phase, Phase::PreInsertion | Phase::Steering) {
             self.withdrawal.note(&base);
@@ -261,18 +253,13 @@ impl Cycle {
     /// Takes a measurement in, with the base pose of its own instant.
     fn measure(&mut self, shape: &SensedShape) -> SensedTip {
         let world_from_camera = &self.bearings.world_from_left_camera;
-        if let Some(motion) = &mut self.motion {
-            motion.observe_tip(
-                shape.stamp,
-                (*world_from_camera * shape.tip.position).point(),
-                &world_from_camera.rotate_direction(&shape.tip.direction),
-                (shape.tip.covariance.trace() / 3.0).sqrt(),
-            );
-        }
-        let then = match &self.motion {
-            Some(motion) => Some(motion.field(shape.stamp)),
-            None => self.sway.as_ref().and_then(|s| s.field(shape.stamp)),
-        };
+        self.tissue.see_tip(
+            shape.stamp,
+            (*world_from_camera * shape.tip.position).point(),
+            &world_from_camera.rotate_direction(&shape.tip.direction),
+            (shape.tip.covariance.trace() / 3.0).sqrt(),
+        );
+        let then = self.tissue.field(shape.stamp);
         let place = |p: &Position<LeftCamera>| {
             let point = *(*world_from_camera * *p).point();
             then.map_or(point, |field| field.point_to_rest(&point))
@@ -305,12 +292,13 @@ impl Cycle {
     /// What the estimator cannot explain of the tip's way may be the tissue's. A path laid while
     /// breathing was taken for cutting is laid anew.
     fn tell_sway(&mut self, shape: &SensedShape, base: &Isometry3<f64>, sigma: f64) {
-        let Some(sway) = &mut self.sway else { return };
         let tip = self.bearings.world_from_left_camera * shape.tip.position;
         let unexplained = tip.coords() - self.estimator.explained_way();
-        let told = sway.observe(shape.stamp, &unexplained, sigma);
-        if told && self.estimator.depth() < SHORT_PATH && self.estimator.begin_anew(base).is_err() {
-            // The estimator goes on with what it has.
+        let known = self
+            .tissue
+            .see_unexplained(shape.stamp, &unexplained, sigma);
+        if known && self.estimator.depth() < SHORT_PATH {
+            self.estimator.begin_anew(base);
         }
     }
 
@@ -347,16 +335,13 @@ impl Cycle {
     }
 
     fn target_in_world(&self, tip: &Tip) -> Target {
-        let marker = self.motion.as_ref().and_then(TissueMotion::rest);
         let position = match self.target {
-            Some(_) if marker.is_some() => marker.unwrap_or_default(),
-            Some(target) => *(self.bearings.world_from_left_camera * target).point(),
+            Some(target) => {
+                let given = self.bearings.world_from_left_camera * target;
+                self.tissue.target_at_rest(given.point())
+            }
             // None set yet: far ahead on the tip axis.
             None => Point3::from(tip.world_from_tip.translation.vector + tip.axis()),
-        };
-        let position = match (&self.sway, &self.field) {
-            (Some(sway), Some(_)) => sway.target_at_rest(&position),
-            _ => position,
         };
         Target {
             position,
@@ -384,29 +369,19 @@ impl Cycle {
             estimator: &self.estimator,
             roll_travel: self.roll_travel(snapshot.arm),
             limits: &self.limits,
-            insertion_speed: self.timed_speed(snapshot.now),
+            insertion_speed: self.tissue.speed(
+                snapshot.now,
+                self.telemetry.axial_distance,
+                self.insertion_speed,
+            ),
         };
         match snapshot.phase {
             Phase::PreInsertion => self.straight.decide(&view),
-            Phase::Steering if self.is_learning() => Decision::hold(),
+            Phase::Steering if self.tissue.is_learning() => Decision::hold(),
             Phase::Steering => self.law.decide(&view),
             Phase::Retracting => self.retract(base),
             _ => Decision::hold(),
         }
-    }
-
-    /// Nominal speed, or that with which a target at hand is passed where breathing tissue dwells.
-    fn timed_speed(&self, now: Stamp) -> f64 {
-        let ahead = self.telemetry.axial_distance;
-        match (&self.sway, self.target) {
-            (Some(sway), Some(_)) => sway.timed_speed(now, ahead, self.insertion_speed),
-            _ => self.insertion_speed,
-        }
-    }
-
-    /// A breath is awaited standing still where the tissue turns out to breathe.
-    fn is_learning(&self) -> bool {
-        self.sway.as_ref().is_some_and(TissueSway::is_learning)
     }
 
     /// Back along the way the base came; holds at its start.
@@ -481,7 +456,7 @@ impl Cycle {
         t.joint_rates = rates.rates;
         let now = |pose: &Isometry3<f64>| self.field.map_or(*pose, |f| f.pose_from_rest(pose));
         let world_from_tip = now(&tip.world_from_tip);
-        let carried = self.field.filter(|_| self.motion.is_some());
+        let carried = self.field.filter(|_| self.tissue.is_marked());
         let place = match (carried, self.target) {
             (None, Some(given)) => *(self.bearings.world_from_left_camera * given).point(),
             (None, None) => target.position,

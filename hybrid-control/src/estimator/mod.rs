@@ -351,18 +351,16 @@ impl Estimator {
     }
 
     /// Forgets what was measured so far: the path is laid anew, straight, by the next measurement.
-    ///
-    /// # Errors
-    /// None that [`Estimator::new`] did not have.
-    pub fn begin_anew(&mut self, world_from_base: &Isometry3<f64>) -> Result<(), EstimatorError> {
+    /// A base from which nothing could start changes nothing.
+    pub fn begin_anew(&mut self, world_from_base: &Isometry3<f64>) {
         let start = Start {
             world_from_base: *world_from_base,
             ..self.start
         };
-        let way = self.way;
-        *self = Self::new(&self.settings.clone(), &start)?;
-        self.way = way;
-        Ok(())
+        if let Ok(anew) = Self::new(&self.settings, &start) {
+            let way = self.way;
+            *self = Self { way, ..anew };
+        }
     }
 
     /// Insertion frame: origin at the entry at rest, z into the tissue, in World.

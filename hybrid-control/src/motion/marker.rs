@@ -31,6 +31,7 @@ pub struct MarkerTrack {
     bank: Vec<Member>,
     mean_walk: f64,
     amplitude_walk: f64,
+    wary: bool,
 }
 
 /// The filter of one rate. The axes of World share their covariance: they are seen alike.
@@ -46,6 +47,8 @@ struct Member {
     still: bool,
 }
 
+/// Standard deviations from which a measurement is an outlier.
+const SURPRISE: f64 = 3.0;
 /// How much likelier than breathing stillness is before anything was seen, as a logarithm.
 const STILL: f64 = 5.0;
 
@@ -77,14 +80,17 @@ impl MarkerTrack {
             bank: (-SIDE..=SIDE).map(member).collect(),
             mean_walk: settings.mean_walk_mm * 1e-3,
             amplitude_walk: settings.amplitude_walk_mm * 1e-3,
+            wary: false,
         };
         track.weigh();
         track
     }
 
-    /// A track of what may not breathe at all: a filter without harmonics competes.
+    /// A track of what may not breathe at all: a filter without harmonics competes, and outliers
+    /// count little.
     pub(super) fn or_still(settings: &MotionSettings) -> Self {
         let mut track = Self::new(settings);
+        track.wary = true;
         let mut variance = SMatrix::<f64, N, N>::zeros();
         variance[(0, 0)] = (settings.amplitude_mm * 1e-3).powi(2);
         track.bank.push(Member {
@@ -158,11 +164,32 @@ impl MarkerTrack {
                 Some(dt) => member.propagate(dt, mean, amplitude),
                 None => member.x.set_row(0, &position.coords.transpose()),
             }
+        }
+        let sigma = if self.wary {
+            self.believed(&position.coords, sigma)
+        } else {
+            sigma
+        };
+        for member in &mut self.bank {
             member.update(&position.coords, sigma);
         }
         self.weigh();
         self.stamp = Some(stamp);
         true
+    }
+
+    /// The standard deviation with which a measurement is surprising to no filter: an outlier to
+    /// all of them tells none from another.
+    fn believed(&self, position: &Vector3<f64>, sigma: f64) -> f64 {
+        let own = sigma * sigma;
+        self.bank
+            .iter()
+            .map(|m| {
+                let (off, variance) = m.innovation(position);
+                (off.norm_squared() / SURPRISE.powi(2) - variance).max(own)
+            })
+            .fold(f64::INFINITY, f64::min)
+            .sqrt()
     }
 
     /// Rate of the first harmonic \[Hz\].
@@ -241,12 +268,27 @@ impl Member {
         self.evidence *= (-dt / MEMORY).exp();
     }
 
-    fn update(&mut self, position: &Vector3<f64>, sigma: f64) {
+    /// What adds to the position.
+    fn row() -> SVector<f64, N> {
         let mut h = SVector::<f64, N>::zeros();
         h[0] = 1.0;
         for k in 0..HARMONICS {
             h[1 + 2 * k] = 1.0;
         }
+        h
+    }
+
+    /// Measured minus expected position \[m\], and the variance of what was expected.
+    fn innovation(&self, position: &Vector3<f64>) -> (Vector3<f64>, f64) {
+        let h = Self::row();
+        (
+            position - (h.transpose() * self.x).transpose(),
+            h.dot(&(self.p * h)),
+        )
+    }
+
+    fn update(&mut self, position: &Vector3<f64>, sigma: f64) {
+        let h = Self::row();
         let cross = self.p * h;
         let variance = h.dot(&cross) + sigma * sigma;
         let gain = cross / variance;
