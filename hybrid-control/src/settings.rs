@@ -237,6 +237,11 @@ pub struct HybridSettings {
     pub unload_gain_per_s: f64,
     /// Gain with which a tip drawn back by the base is brought to the end of its path \[1/s\].
     pub regain_gain_per_s: f64,
+    /// Standard deviation of the tip's estimated position from which the base is led calmly:
+    /// slowly, by pivot alone, and without slowing the insertion down \[mm\].
+    pub calm_from_mm: f64,
+    /// The same at which it is led all calmly \[mm\].
+    pub calm_to_mm: f64,
     /// Feature switches, for ablation: base pivot, base shift, relief of the tissue, slowing down,
     /// the level that spares the entry, partial curvature of the bevel by debt.
     pub pivot: bool,
@@ -269,6 +274,8 @@ impl Default for HybridSettings {
             base_gain_per_s: 2.0,
             unload_gain_per_s: 0.2,
             regain_gain_per_s: 3.0,
+            calm_from_mm: 0.012,
+            calm_to_mm: 0.016,
             pivot: true,
             shift: true,
             unload: true,

@@ -9,7 +9,7 @@ use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, StereoFrame, Transf
 use hybrid_control::view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
 use hybrid_control::{
     Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, TissueField,
-    TissueMotion, lateral_error, law_by_name, target_ahead,
+    lateral_error, law_by_name, target_ahead,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::{RateSettings, TurnBudget};
@@ -18,16 +18,19 @@ use vision::track::TrackSettingsError;
 
 pub use crate::bearings::{Bearings, base_pose};
 use crate::bearings::{entry_point, first_telemetry};
-use crate::config::{Config, TargetKind};
+use crate::config::Config;
 use crate::odometry::Odometry;
 use crate::sight::Sight;
 use crate::springs::{self, SpringsError, SpringsModel};
+use crate::tissue::Tissue;
 use crate::withdrawal::Withdrawal;
 
 /// Poses kept: more than a second at any arm's rate.
 const ODOMETRY: usize = 256;
 /// Travel of the last joint that no law may use \[rad\].
 const TURN_MARGIN: f64 = 0.02;
+/// Depth up to which a path is laid anew when its tissue turns out to breathe \[m\].
+const SHORT_PATH: f64 = 0.015;
 
 /// Everything a step reads.
 #[derive(Clone, Copy, Debug)]
@@ -86,8 +89,7 @@ pub struct Cycle {
     odometry: Odometry,
     withdrawal: Withdrawal,
     estimator: Estimator,
-    /// Where the target is a marker: how the tissue moves.
-    motion: Option<TissueMotion>,
+    tissue: Tissue,
     /// Tissue now; nothing where it does not move.
     field: Option<TissueField>,
     springs: SpringsModel,
@@ -130,8 +132,7 @@ impl Cycle {
             odometry: Odometry::new(ODOMETRY),
             withdrawal: Withdrawal::default(),
             estimator,
-            motion: (config.target.kind == TargetKind::Marker)
-                .then(|| TissueMotion::new(&config.motion, &entry)),
+            tissue: Tissue::of(config, &entry),
             field: None,
             springs: SpringsModel::new(config, &world_from_base)?,
             straight: law_by_name("none", &config.law)?,
@@ -210,13 +211,12 @@ impl Cycle {
 
     /// The base where the tissue is at rest: estimator, model and law work there.
     fn at_rest(&mut self, snapshot: &Snapshot<'_>, base: &Isometry3<f64>) -> Isometry3<f64> {
-        if let Some(motion) = &mut self.motion {
-            if let Some(seen) = snapshot.marker {
-                let place = self.bearings.world_from_left_camera * seen.position;
-                motion.observe(seen.stamp, place.point(), seen.sigma);
-            }
-            self.field = Some(motion.field_to_follow(snapshot.now));
+        if let Some(seen) = snapshot.marker {
+            let place = self.bearings.world_from_left_camera * seen.position;
+            self.tissue
+                .see_marker(seen.stamp, place.point(), seen.sigma);
         }
+        self.field = self.tissue.field_to_follow(snapshot.now);
         let base = self.field.map_or(*base, |field| field.pose_to_rest(base));
         if matches!(snapshot.phase, Phase::PreInsertion | Phase::Steering) {
             self.withdrawal.note(&base);
@@ -253,15 +253,13 @@ impl Cycle {
     /// Takes a measurement in, with the base pose of its own instant.
     fn measure(&mut self, shape: &SensedShape) -> SensedTip {
         let world_from_camera = &self.bearings.world_from_left_camera;
-        if let Some(motion) = &mut self.motion {
-            motion.observe_tip(
-                shape.stamp,
-                (*world_from_camera * shape.tip.position).point(),
-                &world_from_camera.rotate_direction(&shape.tip.direction),
-                (shape.tip.covariance.trace() / 3.0).sqrt(),
-            );
-        }
-        let then = self.motion.as_ref().map(|motion| motion.field(shape.stamp));
+        self.tissue.see_tip(
+            shape.stamp,
+            (*world_from_camera * shape.tip.position).point(),
+            &world_from_camera.rotate_direction(&shape.tip.direction),
+            (shape.tip.covariance.trace() / 3.0).sqrt(),
+        );
+        let then = self.tissue.field(shape.stamp);
         let place = |p: &Position<LeftCamera>| {
             let point = *(*world_from_camera * *p).point();
             then.map_or(point, |field| field.point_to_rest(&point))
@@ -281,6 +279,7 @@ impl Cycle {
                 direction_sigma: shape.tip.direction_sigma,
                 shaft: &self.shaft,
             });
+            self.tell_sway(shape, &base, variance.sqrt());
             self.telemetry.tracking = match health {
                 Health::Used => Tracking::Tracked,
                 Health::Stale | Health::Rejected => Tracking::Predicted,
@@ -288,6 +287,19 @@ impl Cycle {
         }
         self.telemetry.image_stamp = Some(shape.stamp);
         shape.tip
+    }
+
+    /// What the estimator cannot explain of the tip's way may be the tissue's. A path laid while
+    /// breathing was taken for cutting is laid anew.
+    fn tell_sway(&mut self, shape: &SensedShape, base: &Isometry3<f64>, sigma: f64) {
+        let tip = self.bearings.world_from_left_camera * shape.tip.position;
+        let unexplained = tip.coords() - self.estimator.explained_way();
+        let known = self
+            .tissue
+            .see_unexplained(shape.stamp, &unexplained, sigma);
+        if known && self.estimator.depth() < SHORT_PATH {
+            self.estimator.begin_anew(base);
+        }
     }
 
     /// Springs model at the present base, its springs born at the filtered tip.
@@ -323,10 +335,11 @@ impl Cycle {
     }
 
     fn target_in_world(&self, tip: &Tip) -> Target {
-        let marker = self.motion.as_ref().and_then(TissueMotion::rest);
         let position = match self.target {
-            Some(_) if marker.is_some() => marker.unwrap_or_default(),
-            Some(target) => *(self.bearings.world_from_left_camera * target).point(),
+            Some(target) => {
+                let given = self.bearings.world_from_left_camera * target;
+                self.tissue.target_at_rest(given.point())
+            }
             // None set yet: far ahead on the tip axis.
             None => Point3::from(tip.world_from_tip.translation.vector + tip.axis()),
         };
@@ -356,10 +369,15 @@ impl Cycle {
             estimator: &self.estimator,
             roll_travel: self.roll_travel(snapshot.arm),
             limits: &self.limits,
-            insertion_speed: self.insertion_speed,
+            insertion_speed: self.tissue.speed(
+                snapshot.now,
+                self.telemetry.axial_distance,
+                self.insertion_speed,
+            ),
         };
         match snapshot.phase {
             Phase::PreInsertion => self.straight.decide(&view),
+            Phase::Steering if self.tissue.is_learning() => Decision::hold(),
             Phase::Steering => self.law.decide(&view),
             Phase::Retracting => self.retract(base),
             _ => Decision::hold(),
@@ -438,9 +456,12 @@ impl Cycle {
         t.joint_rates = rates.rates;
         let now = |pose: &Isometry3<f64>| self.field.map_or(*pose, |f| f.pose_from_rest(pose));
         let world_from_tip = now(&tip.world_from_tip);
-        let place = self
-            .field
-            .map_or(target.position, |f| f.point_from_rest(&target.position));
+        let carried = self.field.filter(|_| self.tissue.is_marked());
+        let place = match (carried, self.target) {
+            (None, Some(given)) => *(self.bearings.world_from_left_camera * given).point(),
+            (None, None) => target.position,
+            (Some(field), _) => field.point_from_rest(&target.position),
+        };
         t.world_from_base = Transform::assume(now(base));
         t.world_from_tip = Transform::assume(world_from_tip);
         t.base_twist = decision.twist;
@@ -450,7 +471,7 @@ impl Cycle {
             t.tracking = Tracking::Predicted;
         }
         if let Some(given) = self.target {
-            t.target = if self.field.is_some() {
+            t.target = if carried.is_some() {
                 self.bearings.world_from_left_camera.inverse() * Position::new(place)
             } else {
                 given

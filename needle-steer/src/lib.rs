@@ -10,6 +10,7 @@
 //! [`ros`] write to an arm, and every way out of them stops the arm.
 
 pub mod cycle;
+mod tissue;
 pub mod sight;
 pub mod bearings;
 pub mod springs;

@@ -61,6 +61,9 @@ pub struct Estimator {
     /// Measured minus modelled slope of the tip, slowly filtered.
     slope_offset: Vector2<f64>,
     observations: u64,
+    /// Way of the tip as far as the model moved it, without what measurements changed \[m, World\].
+    way: Vector3<f64>,
+    start: Start,
 }
 
 fn positive(quantity: &'static str, value: f64) -> Result<(), EstimatorError> {
@@ -140,6 +143,8 @@ impl Estimator {
             depth_offset: 0.0,
             slope_offset: Vector2::zeros(),
             observations: 0,
+            way: Vector3::zeros(),
+            start: *start,
         })
     }
 
@@ -285,6 +290,19 @@ impl Estimator {
         self.present.filter.disturbance()
     }
 
+    /// Standard deviation of the predicted end of a way of `remaining` \[m\], by what is not known
+    /// of the bevel, at its full reach `bevel` \[m\], and of the disturbance, now and to come.
+    pub(crate) fn end_sigma(&self, remaining: f64, bevel: f64) -> f64 {
+        let (p, g) = (&self.present.filter.p, self.present.filter.bevel().norm());
+        let by_bevel = bevel * (0.5 * (p[(4, 4)] + p[(5, 5)])).max(0.0).sqrt() / g.max(1e-6);
+        let fade = self.settings.disturbance_fade_mm * 1e-3;
+        let way = fade * (1.0 - (-remaining / fade).exp());
+        let by_disturbance = way * (0.5 * (p[(2, 2)] + p[(3, 3)])).max(0.0).sqrt();
+        let walk = self.settings.disturbance_walk_deg.to_radians();
+        let to_come = remaining * walk * (remaining / 10e-3 / 3.0).sqrt();
+        by_bevel.hypot(by_disturbance).hypot(to_come)
+    }
+
     /// Free length of the needle \[m\].
     pub fn needle_length(&self) -> f64 {
         self.length - self.reach
@@ -326,6 +344,25 @@ impl Estimator {
         self.present.rod.mean_stretch(&self.present.path, X, Y)
     }
 
+    /// Lateral way of O since the start as the model alone explains it, at the newest measurement
+    /// \[m, World\].
+    pub fn explained_way(&self) -> Vector3<f64> {
+        self.way - self.lateral(&(planar(&self.measured.rod.tip_slope()) * self.reach))
+    }
+
+    /// Forgets what was measured so far: the path is laid anew, straight, by the next measurement.
+    /// A base from which nothing could start changes nothing.
+    pub fn begin_anew(&mut self, world_from_base: &Isometry3<f64>) {
+        let start = Start {
+            world_from_base: *world_from_base,
+            ..self.start
+        };
+        if let Ok(anew) = Self::new(&self.settings, &start) {
+            let way = self.way;
+            *self = Self { way, ..anew };
+        }
+    }
+
     /// Insertion frame: origin at the entry at rest, z into the tissue, in World.
     pub fn world_from_insertion(&self) -> &Isometry3<f64> {
         &self.world_from_insertion
@@ -360,6 +397,7 @@ impl Estimator {
     }
 
     fn advance_measured(&mut self, base: &Isometry3<f64>) {
+        let before = self.measured.filter.position();
         advance(
             &mut self.measured,
             base,
@@ -369,6 +407,7 @@ impl Estimator {
             &self.stiffness,
             &self.settings,
         );
+        self.way += self.lateral(&(self.measured.filter.position() - before));
     }
 
     fn tip(&self, age: f64) -> Tip {

@@ -31,6 +31,7 @@ pub struct MarkerTrack {
     bank: Vec<Member>,
     mean_walk: f64,
     amplitude_walk: f64,
+    wary: bool,
 }
 
 /// The filter of one rate. The axes of World share their covariance: they are seen alike.
@@ -42,7 +43,14 @@ struct Member {
     p: SMatrix<f64, N, N>,
     evidence: f64,
     weight: f64,
+    /// Tissue that does not breathe: no harmonics.
+    still: bool,
 }
+
+/// Standard deviations from which a measurement is an outlier.
+const SURPRISE: f64 = 3.0;
+/// How much likelier than breathing stillness is before anything was seen, as a logarithm.
+const STILL: f64 = 5.0;
 
 impl MarkerTrack {
     /// A track before its first measurement.
@@ -64,6 +72,7 @@ impl MarkerTrack {
                 p: SMatrix::from_diagonal(&variance),
                 evidence: -0.5 * (off / settings.breathing_sigma).powi(2),
                 weight: 0.0,
+                still: false,
             }
         };
         let mut track = Self {
@@ -71,9 +80,75 @@ impl MarkerTrack {
             bank: (-SIDE..=SIDE).map(member).collect(),
             mean_walk: settings.mean_walk_mm * 1e-3,
             amplitude_walk: settings.amplitude_walk_mm * 1e-3,
+            wary: false,
         };
         track.weigh();
         track
+    }
+
+    /// A track of what may not breathe at all: a filter without harmonics competes, and outliers
+    /// count little.
+    pub(super) fn or_still(settings: &MotionSettings) -> Self {
+        let mut track = Self::new(settings);
+        track.wary = true;
+        let mut variance = SMatrix::<f64, N, N>::zeros();
+        variance[(0, 0)] = (settings.amplitude_mm * 1e-3).powi(2);
+        track.bank.push(Member {
+            rate: TAU * settings.breathing_hz,
+            x: SMatrix::zeros(),
+            p: variance,
+            evidence: STILL,
+            weight: 0.0,
+            still: true,
+        });
+        track.weigh();
+        track
+    }
+
+    /// How probable it is that nothing breathes.
+    pub(super) fn stillness(&self) -> f64 {
+        self.bank.iter().filter(|m| m.still).map(|m| m.weight).sum()
+    }
+
+    /// The likeliest rate of breathing \[Hz\] and the periodic part of the position that goes with
+    /// it, as a function of the time from the last measurement on \[s\].
+    pub(super) fn likeliest(&self) -> Option<(f64, impl Fn(f64) -> Vector3<f64> + '_)> {
+        let member = self
+            .bank
+            .iter()
+            .filter(|m| !m.still)
+            .max_by(|a, b| a.weight.total_cmp(&b.weight))?;
+        let mean = member.x.row(0).transpose();
+        Some((member.rate / TAU, move |ahead: f64| {
+            member.at(ahead).0 - mean
+        }))
+    }
+
+    /// Periodic part of the position \[m\] and its rate \[m/s\] at `stamp` and `ahead` \[s\] more.
+    pub(super) fn swing(&self, stamp: Stamp, ahead: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let (place, rate) = self.at(stamp, ahead);
+        let mean: Vector3<f64> = self
+            .bank
+            .iter()
+            .filter(|m| m.weight > 1e-6)
+            .map(|m| m.x.row(0).transpose() * m.weight)
+            .sum();
+        (place - mean, rate)
+    }
+
+    /// Rate of breathing, if there is any, with its standard deviation \[Hz\].
+    pub(super) fn rate(&self) -> (f64, f64) {
+        let moving = || self.bank.iter().filter(|m| !m.still);
+        let total = moving().map(|m| m.weight).sum::<f64>().max(1e-12);
+        let mean = moving().map(|m| m.weight * m.rate).sum::<f64>() / total;
+        let square = |m: &Member| m.weight * (m.rate - mean).powi(2);
+        let variance = moving().map(square).sum::<f64>() / total;
+        (mean / TAU, variance.sqrt() / TAU)
+    }
+
+    /// Time of the newest measurement.
+    pub(super) const fn stamp(&self) -> Option<Stamp> {
+        self.stamp
     }
 
     /// Takes in a position with its standard deviation per axis \[m\]; whether it could be used.
@@ -89,11 +164,32 @@ impl MarkerTrack {
                 Some(dt) => member.propagate(dt, mean, amplitude),
                 None => member.x.set_row(0, &position.coords.transpose()),
             }
+        }
+        let sigma = if self.wary {
+            self.believed(&position.coords, sigma)
+        } else {
+            sigma
+        };
+        for member in &mut self.bank {
             member.update(&position.coords, sigma);
         }
         self.weigh();
         self.stamp = Some(stamp);
         true
+    }
+
+    /// The standard deviation with which a measurement is surprising to no filter: an outlier to
+    /// all of them tells none from another.
+    fn believed(&self, position: &Vector3<f64>, sigma: f64) -> f64 {
+        let own = sigma * sigma;
+        self.bank
+            .iter()
+            .map(|m| {
+                let (off, variance) = m.innovation(position);
+                (off.norm_squared() / SURPRISE.powi(2) - variance).max(own)
+            })
+            .fold(f64::INFINITY, f64::min)
+            .sqrt()
     }
 
     /// Rate of the first harmonic \[Hz\].
@@ -159,7 +255,11 @@ impl Member {
             f[(at, at + 1)] = sine;
             f[(at + 1, at)] = -sine;
             f[(at + 1, at + 1)] = cosine;
-            let walk = (amplitude_walk / order).powi(2) * dt;
+            let walk = if self.still {
+                0.0
+            } else {
+                (amplitude_walk / order).powi(2) * dt
+            };
             noise[at] = walk;
             noise[at + 1] = walk;
         }
@@ -168,12 +268,27 @@ impl Member {
         self.evidence *= (-dt / MEMORY).exp();
     }
 
-    fn update(&mut self, position: &Vector3<f64>, sigma: f64) {
+    /// What adds to the position.
+    fn row() -> SVector<f64, N> {
         let mut h = SVector::<f64, N>::zeros();
         h[0] = 1.0;
         for k in 0..HARMONICS {
             h[1 + 2 * k] = 1.0;
         }
+        h
+    }
+
+    /// Measured minus expected position \[m\], and the variance of what was expected.
+    fn innovation(&self, position: &Vector3<f64>) -> (Vector3<f64>, f64) {
+        let h = Self::row();
+        (
+            position - (h.transpose() * self.x).transpose(),
+            h.dot(&(self.p * h)),
+        )
+    }
+
+    fn update(&mut self, position: &Vector3<f64>, sigma: f64) {
+        let h = Self::row();
         let cross = self.p * h;
         let variance = h.dot(&cross) + sigma * sigma;
         let gain = cross / variance;

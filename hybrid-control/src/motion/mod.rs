@@ -9,9 +9,11 @@
 mod field;
 mod marker;
 mod ratio;
+mod sway;
 
 pub use field::TissueField;
 pub use marker::MarkerTrack;
+pub use sway::TissueSway;
 
 use hal::Stamp;
 use nalgebra::{Point3, Unit, Vector3};

@@ -157,6 +157,20 @@ impl LawSettings {
             "a number from 0 to 100",
         )?;
         in_range(
+            "hybrid.calm_from_mm",
+            h.calm_from_mm,
+            0.0,
+            1000.0,
+            "a number from 0 to 1000",
+        )?;
+        in_range(
+            "hybrid.calm_to_mm",
+            h.calm_to_mm,
+            h.calm_from_mm,
+            1000.0,
+            "a number not below calm_from_mm, at most 1000",
+        )?;
+        in_range(
             "hybrid.regain_gain_per_s",
             h.regain_gain_per_s,
             0.0,

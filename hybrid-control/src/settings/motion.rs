@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Tissue that moves with a marker.
+/// Tissue that moves, with a marker or without.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MotionSettings {
@@ -23,6 +23,8 @@ pub struct MotionSettings {
     /// Time from a command to the arm's motion, over which the feed-forward looks ahead \[ms\]
     /// (assumed).
     pub lead_ms: f64,
+    /// Feature switch: without a marker, tell breathing from the needle's own tip.
+    pub sway: bool,
 }
 
 impl Default for MotionSettings {
@@ -36,6 +38,7 @@ impl Default for MotionSettings {
             mean_walk_mm: 0.03,
             amplitude_walk_mm: 0.07,
             lead_ms: 50.0,
+            sway: true,
         }
     }
 }

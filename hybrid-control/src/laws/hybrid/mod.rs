@@ -20,6 +20,9 @@ use plan::Plan;
 /// it they stay inside three quarters of a turn of an arm with one turn to either side.
 const TURN_RESERVE: f64 = 1.2;
 
+/// Part of the base's gain that noise takes away at most.
+const CALM: f64 = 0.65;
+
 pub(super) struct Hybrid {
     settings: HybridSettings,
     rollout: Rollout,
@@ -27,6 +30,9 @@ pub(super) struct Hybrid {
     plan: Plan,
     planned_at: Option<Stamp>,
     last_base: Option<Vector3<f64>>,
+    /// How calmly the base is led, 0 to 1: a base that chases the noise of the prediction tilts
+    /// farther and farther, and insertion waits for it in vain.
+    calm: f64,
     /// Time lost so far by slowing down \[s\].
     waited: f64,
 }
@@ -40,6 +46,7 @@ impl Hybrid {
             plan: Plan::default(),
             planned_at: None,
             last_base: None,
+            calm: 0.0,
             waited: 0.0,
         }
     }
@@ -56,7 +63,11 @@ impl Hybrid {
         self.planned_at = Some(view.time);
         view.estimator
             .rollout(&view.target.position, &mut self.rollout);
-        self.plan = plan::make(view, &self.rollout, &self.settings);
+        let sigma = view.tip.position_sigma * 1e3;
+        let s = &self.settings;
+        self.calm =
+            ((sigma - s.calm_from_mm) / (s.calm_to_mm - s.calm_from_mm).max(1e-9)).clamp(0.0, 1.0);
+        self.plan = plan::make(view, &self.rollout, s, self.calm);
         self.plan.valid
     }
 
@@ -64,7 +75,8 @@ impl Hybrid {
     /// entry unloaded where the base steers no more.
     fn base(&mut self, view: &View<'_>) -> Twist {
         let s = &self.settings;
-        let gain = s.base_gain_per_s.min(0.8 / view.dt.max(1e-3));
+        let calmed = s.base_gain_per_s * (1.0 - CALM * self.calm);
+        let gain = calmed.min(0.8 / view.dt.max(1e-3));
         let tilt_max = view.limits.tilt_speed_deg_s.to_radians();
         let lateral_max = view.limits.lateral_speed_mm_s * 1e-3;
         let height = (view.world_from_base.translation.vector - view.entry.point.coords).norm();
@@ -117,7 +129,8 @@ impl Law for Hybrid {
         let unfinished = self.plan.unfinished(&self.rollout);
         // Waiting has an end: a plan that never finishes must not hold up the insertion.
         let slow = if s.slow_down && self.waited < s.slow_most_s {
-            (s.slow_mm * 1e-3 / unfinished.max(1e-9)).clamp(0.1, 1.0)
+            let slow = (s.slow_mm * 1e-3 / unfinished.max(1e-9)).clamp(0.1, 1.0);
+            slow + (1.0 - slow) * self.calm
         } else {
             1.0
         };

@@ -22,6 +22,9 @@ const EXCESS: usize = 6;
 /// Sides of the polygons that stand for discs.
 const SIDES: usize = 8;
 
+/// Standard deviations of the prediction by which a shortfall must exceed it.
+const DOUBT: f64 = 2.0;
+
 /// Length that counts as one in the levels \[m\].
 const MILLIMETRE: f64 = 1e-3;
 
@@ -84,8 +87,8 @@ fn disc(rows: &mut Vec<Constraint<N>>, at: usize, centre: &Vector2<f64>, radius:
 }
 
 /// Solves the levels. A solver without success gives an invalid plan.
-pub(super) fn make(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Plan {
-    solve(view, r, s).unwrap_or_default()
+pub(super) fn make(view: &View<'_>, r: &Rollout, s: &HybridSettings, calm: f64) -> Plan {
+    solve(view, r, s, calm).unwrap_or_default()
 }
 
 /// Tilt and offset that the workspace still leaves.
@@ -116,7 +119,7 @@ fn tilt(view: &View<'_>) -> (Vector2<f64>, f64) {
     (tilted, most.max(tilted.norm()))
 }
 
-fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpError> {
+fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings, calm: f64) -> Result<Plan, QpError> {
     let per_degree = 1_f64.to_radians();
     let pivot_fade = fade(r.pivot * per_degree, s.pivot_fade_mm_deg * MILLIMETRE);
     // A shift tilts the tip the other way as long as it steers at all.
@@ -128,7 +131,8 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
     let pivot_use = if s.pivot { pivot_fade } else { 0.0 };
     let pivot_most = pivot_use * tilt_room.max(2_f64.to_radians());
     let shift_most = if s.shift {
-        shift_fade * offset_room.max(2.0 * MILLIMETRE)
+        // It all but cancels a pivot, and noise is what such differences are made of.
+        (1.0 - calm) * shift_fade * offset_room.max(2.0 * MILLIMETRE)
     } else {
         0.0
     };
@@ -198,6 +202,9 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
         Vector2::zeros()
     };
     let curvature = two(CURVATURE).cap_magnitude(1.0);
+    // A shortfall within what the prediction may err is none yet: the target comes nearer, and
+    // the prediction surer.
+    let doubt = DOUBT * view.estimator.end_sigma(r.remaining, r.bevel);
     Ok(Plan {
         valid: x.iter().all(|v| v.is_finite()),
         pivot: two(PIVOT) * (pivot_unit * pivot_fade),
@@ -210,9 +217,9 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings) -> Result<Plan, QpErr
             curvature.try_normalize(1e-3).unwrap_or(curvature)
         },
         shortfall: if curvature_most >= 1.0 && residual > 1e-6 {
-            residual
+            residual - doubt
         } else {
-            r.miss.norm() - reach
+            r.miss.norm() - reach - doubt
         },
         bound: [binds(0), binds(1), binds(2), binds(3)],
     })
