@@ -22,7 +22,7 @@ use crate::config::Config;
 use crate::odometry::Odometry;
 use crate::sight::Sight;
 use crate::springs::{self, SpringsError, SpringsModel};
-use crate::tissue::Tissue;
+use crate::tissue::{Tissue, narrow};
 use crate::withdrawal::Withdrawal;
 
 /// Poses kept: more than a second at any arm's rate.
@@ -83,6 +83,8 @@ pub enum CycleError {
 pub struct Cycle {
     bearings: Bearings,
     limits: Limits,
+    /// What they leave the law where the tissue is at rest.
+    limits_at_rest: Limits,
     rates: RateSettings,
     insertion_speed: f64,
     entry: Entry,
@@ -126,6 +128,7 @@ impl Cycle {
         let tip = estimator.predict(state.stamp, &world_from_base);
         Ok(Self {
             limits: config.limits.clone(),
+            limits_at_rest: config.limits.clone(),
             rates: RateSettings::default(),
             insertion_speed: config.run.insertion_speed_mm_s * 1e-3,
             entry,
@@ -217,11 +220,12 @@ impl Cycle {
                 .see_marker(seen.stamp, place.point(), seen.sigma);
         }
         self.field = self.tissue.field_to_follow(snapshot.now);
-        let base = self.field.map_or(*base, |field| field.pose_to_rest(base));
+        let at_rest = self.field.map_or(*base, |field| field.pose_to_rest(base));
+        narrow(&mut self.limits_at_rest, &self.limits, base, &at_rest);
         if matches!(snapshot.phase, Phase::PreInsertion | Phase::Steering) {
-            self.withdrawal.note(&base);
+            self.withdrawal.note(&at_rest);
         }
-        base
+        at_rest
     }
 
     /// Images to curves to shape, with the base pose of their own instant.
@@ -368,7 +372,7 @@ impl Cycle {
             springs: springs.copied(),
             estimator: &self.estimator,
             roll_travel: self.roll_travel(snapshot.arm),
-            limits: &self.limits,
+            limits: &self.limits_at_rest,
             insertion_speed: self.tissue.speed(
                 snapshot.now,
                 self.telemetry.axial_distance,

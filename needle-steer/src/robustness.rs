@@ -244,22 +244,16 @@ impl Audit {
             (out - inward.into_inner() * inward.dot(&out)).norm()
         };
         let limits = self.config.limits.clone();
-        // The base follows moving tissue beyond what the law may use of the workspace.
-        let breathing = if self.config.target.kind == config::TargetKind::Marker {
-            (6e-3, 0.07)
-        } else {
-            (0.0, 0.0)
-        };
         let tilt = t.world_from_base.rotate(&Vector3::z()).angle(&inward);
         self.hold(
             "tilt of the base",
             tilt,
-            limits.tilt_deg.to_radians() + SLACK.1 + breathing.1,
+            limits.tilt_deg.to_radians() + SLACK.1,
         );
         self.hold(
             "workspace",
             across(&t.world_from_base.origin().coords()),
-            limits.base_offset_mm * 1e-3 + SLACK.0 + breathing.0,
+            limits.base_offset_mm * 1e-3 + SLACK.0,
         );
         self.hold("stiffness", t.model.stiffness, 3e5 * (1.0 + 1e-9));
         self.hold("stiffness below", 5e2 / t.model.stiffness, 1.0 + 1e-9);

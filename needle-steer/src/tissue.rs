@@ -1,9 +1,10 @@
 //! What is known of the tissue's motion: by a marker, by the needle alone, or nothing.
 
 use hal::Stamp;
+use hybrid_control::settings::Limits;
 use hybrid_control::view::Entry;
 use hybrid_control::{TissueField, TissueMotion, TissueSway};
-use nalgebra::{Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use crate::config::{Config, TargetKind};
 
@@ -106,4 +107,20 @@ impl Tissue {
     pub(crate) const fn is_learning(&self) -> bool {
         matches!(self, Self::Unmarked(sway) if sway.is_learning())
     }
+}
+
+/// Takes from the workspace that a law may use at rest what the tissue carries the base: `narrowed`
+/// then keeps `limits` where the base really is.
+pub(crate) fn narrow(
+    narrowed: &mut Limits,
+    limits: &Limits,
+    base: &Isometry3<f64>,
+    at_rest: &Isometry3<f64>,
+) {
+    let carried_mm = (base.translation.vector - at_rest.translation.vector).norm() * 1e3;
+    let axis = |pose: &Isometry3<f64>| pose.rotation * Vector3::z();
+    let turned_deg = axis(base).angle(&axis(at_rest)).to_degrees();
+    let left = |most: f64, taken: f64| (most - taken).max(0.0);
+    narrowed.base_offset_mm = left(limits.base_offset_mm, carried_mm).min(narrowed.base_offset_mm);
+    narrowed.tilt_deg = left(limits.tilt_deg, turned_deg).min(narrowed.tilt_deg);
 }
