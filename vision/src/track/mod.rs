@@ -335,9 +335,13 @@ impl StereoTracker {
     /// Finds the needle: at clicked points, near a guess, or anywhere.
     fn start(&mut self, images: [&GrayImage; 2], context: &Context<'_>) -> Result<(), Loss> {
         let clicked = self.clicked.take();
-        if clicked.is_none() && context.guess.is_some_and(|guess| guess.len() < 2) {
-            for (tracker, image) in self.images.iter_mut().zip(images) {
-                tracker.learn(image);
+        if let (None, Some(guess)) = (&clicked, context.guess)
+            && !self.shows_enough(guess)
+        {
+            if guess.is_empty() {
+                for (tracker, image) in self.images.iter_mut().zip(images) {
+                    tracker.learn(image);
+                }
             }
             return Err(Loss::NotFound);
         }
@@ -390,6 +394,19 @@ impl StereoTracker {
                 Err(loss)
             }
         }
+    }
+
+    /// Whether a guess is long enough in both images to begin with: where a needle has only just
+    /// come into sight, any tip fits.
+    fn shows_enough(&self, guess: &[Point3<f64>]) -> bool {
+        let (Some(first), Some(last)) = (guess.first(), guess.last()) else {
+            return false;
+        };
+        self.views.iter().zip(&self.images).all(|(view, image)| {
+            let ends = view.project(&first.coords).zip(view.project(&last.coords));
+            let length = ends.map_or(0.0, |(a, b)| (b.0 - a.0).norm());
+            length >= self.settings.visible_px * image.scale()
+        })
     }
 
     /// A guess in one image.
