@@ -22,6 +22,7 @@ pub struct Sight {
     left_from_world: Transform<LeftCamera, World>,
     entry: Point3<f64>,
     inward: Unit<Vector3<f64>>,
+    bevel_length: f64,
     last_base: Option<Isometry3<f64>>,
     guess: Vec<Point3<f64>>,
     refused: Option<FrameError>,
@@ -46,8 +47,10 @@ impl Sight {
         rig: &StereoRig,
         left_from_world: Transform<LeftCamera, World>,
     ) -> Result<Self, TrackSettingsError> {
+        let needle = appearance(config);
         Ok(Self {
-            tracker: StereoTracker::new(rig, appearance(config), &config.tracking)?,
+            tracker: StereoTracker::new(rig, needle, &config.tracking)?,
+            bevel_length: needle.bevel_length,
             left_from_world,
             entry: config.entry(),
             inward: config.inward(),
@@ -119,6 +122,12 @@ impl Sight {
                 self.guess.push(left_from_world * Point3::from(first));
             }
             self.guess.push(left_from_world * Point3::from(*below));
+        }
+        // The bevel comes into sight before the tip does: no background any more.
+        if let (true, Some(tip)) = (self.guess.is_empty(), model.last())
+            && depth(tip) + self.bevel_length > VISIBLE
+        {
+            self.guess.push(left_from_world * Point3::from(*tip));
         }
     }
 

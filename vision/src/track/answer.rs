@@ -22,7 +22,8 @@ pub struct Context<'a> {
     /// is found in the images.
     pub bevel: Option<Vector3<f64>>,
     /// The needle as predicted, from where it comes into sight to its tip, in the stereo frame;
-    /// used to start and after losses. Empty: not in sight yet. Without, images are searched.
+    /// used to start and after losses. Empty: not in sight yet, what is seen is background.
+    /// Without, images are searched.
     pub guess: Option<&'a [Point3<f64>]>,
 }
 

@@ -1,8 +1,8 @@
 //! Geometry of needle, base and cameras that the tracker uses.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix2x3, Point3, Rotation3, Unit, Vector3};
 
-use super::curve::MOST;
+use super::curve::{MOST, normal};
 use super::space::Curve3;
 use crate::camera::View;
 
@@ -69,4 +69,21 @@ pub(super) fn scene(views: &[View; 2]) -> Vector3<f64> {
     let s = (offset.dot(&a) - along * offset.dot(&b)) / parallel;
     let r = (along * offset.dot(&a) - offset.dot(&b)) / parallel;
     0.5 * (a * s + offset + b * r)
+}
+
+/// The bevel's direction, turned about the needle's `axis`.
+pub(super) fn turned(bevel: &Vector3<f64>, axis: &Vector3<f64>, angle: f64) -> Vector3<f64> {
+    Rotation3::from_axis_angle(&Unit::new_normalize(*axis), angle) * bevel
+}
+
+/// The unit direction across both needle and line of sight that appears in the image a quarter
+/// turn from the needle's own, from x towards y.
+pub(super) fn across(
+    jacobian: &Matrix2x3<f64>,
+    axis: &Vector3<f64>,
+    sight: &Vector3<f64>,
+) -> Option<Vector3<f64>> {
+    let across = axis.cross(sight).try_normalize(1e-6)?;
+    let seen = normal(&(jacobian * axis)).dot(&(jacobian * across));
+    Some(if seen < 0.0 { -across } else { across })
 }

@@ -19,7 +19,9 @@ mod settings;
 mod silhouette;
 mod single;
 mod space;
+mod start;
 mod tip;
+mod turn;
 
 pub use answer::{Context, Loss, Tracked};
 pub use curve::Curve2;
@@ -30,19 +32,20 @@ pub use single::{Flaw, ImageTracker, Look};
 
 use hal::telemetry::Tracking;
 use hal::{GrayImage, Position, SensedPoint, SensedTip, Stamp, StereoFrame};
-use nalgebra::{Matrix2, Point3, Unit, Vector2, Vector3};
+use nalgebra::{Unit, Vector3};
 
-use crate::camera::{DistortedPx, StereoRig, View, triangulate};
+use crate::camera::{DistortedPx, StereoRig, View};
 use answer::{POINTS, unseen};
-use curve::MOST;
-use geometry::{base_shifts, resembles, scene};
+use geometry::{across, base_shifts, scene, turned};
 use space::{Curve3, Lasting};
+use turn::Turn;
 
 /// Disagreement of the two tips along the needle beyond which they are not of one needle \[px\],
 /// in images 640 wide; calibrations of careful laboratories stay below a pixel.
 const EPIPOLAR: f64 = 2.5;
-/// How far from a guess the needle is sought \[px\], in images 640 wide.
-const AROUND_GUESS: f64 = 14.0;
+/// Visible shaft from which on its axis is known well enough to tell to which side the bevel
+/// leans \[px\], in images 640 wide.
+const LEANING_SHAFT: f64 = 30.0;
 
 /// Tracks a needle in pairs of images.
 #[derive(Clone, Debug)]
@@ -54,6 +57,7 @@ pub struct StereoTracker {
     scene: Vector3<f64>,
     images: [ImageTracker; 2],
     curve: Option<Curve3>,
+    turn: Turn,
     clicked: Option<[[DistortedPx; 2]; 2]>,
     last: Option<Stamp>,
     losses: u32,
@@ -82,6 +86,7 @@ impl StereoTracker {
             images: [image(&views[0])?, image(&views[1])?],
             views,
             curve: None,
+            turn: Turn::unknown(),
             clicked: None,
             last: None,
             losses: 0,
@@ -95,6 +100,7 @@ impl StereoTracker {
             image.reset();
         }
         self.curve = None;
+        self.turn = Turn::unknown();
         self.clicked = None;
         self.last = None;
         self.losses = 0;
@@ -253,11 +259,14 @@ impl StereoTracker {
         let Some(mut curve) = self.curve.take() else {
             return Err(Loss::NotFound);
         };
+        self.turn.predict();
         let tip = curve.at(1.0);
         let axis = curve.derivative(1.0).normalize();
         let mut flaw = None;
+        let mut sides = [Vector3::zeros(); 2];
         for k in 0..2 {
-            let look = self.look(k, &tip, Some(&axis), context);
+            let (look, across) = self.look(k, &tip, Some(&axis), context);
+            sides[k] = across;
             if let Err(wrong) = self.images[k].follow(images[k], &changes[k], &look) {
                 flaw = flaw.or(Some(if k == 0 {
                     Loss::Left(wrong)
@@ -270,11 +279,30 @@ impl StereoTracker {
             Some(loss) => Err(loss),
             None => self.fuse(&mut curve, 2),
         };
-        self.curve = Some(curve);
         if outcome.is_ok() {
             self.losses = 0;
+            self.see_turn(&axis, &sides, context);
         }
+        self.curve = Some(curve);
         outcome
+    }
+
+    /// Learns how the bevel is turned from the sides to which it leans.
+    fn see_turn(&mut self, axis: &Vector3<f64>, sides: &[Vector3<f64>; 2], context: &Context<'_>) {
+        let Some(bevel) = context.bevel else { return };
+        let long = |image: &ImageTracker| {
+            let length = image.curve().map_or(0.0, |curve| curve.length());
+            length >= LEANING_SHAFT * image.scale()
+        };
+        if !self.images.iter().all(long) {
+            return;
+        }
+        for (image, across) in self.images.iter().zip(sides) {
+            if let Some(measured) = image.leaning() {
+                self.turn
+                    .observe(measured, |angle| turned(&bevel, axis, angle).dot(across));
+            }
+        }
     }
 
     /// The curve in space from both filters.
@@ -297,141 +325,45 @@ impl StereoTracker {
         Ok(())
     }
 
-    /// How the needle appears in image `k` when its tip is at `tip`.
+    /// How the needle appears in image `k` when its tip is at `tip`, and the direction across it
+    /// and the line of sight along which the bevel's side counts.
     fn look(
         &self,
         k: usize,
         tip: &Vector3<f64>,
         axis: Option<&Vector3<f64>>,
         context: &Context<'_>,
-    ) -> Look {
+    ) -> (Look, Vector3<f64>) {
         let view = &self.views[k];
         let projected = view.project_with_derivative(tip);
         let Some((px, jacobian)) = projected else {
-            return Look {
+            let look = Look {
                 width: 3.0,
                 bevel_px: 0.0,
                 side: None,
                 rim_px: 0.0,
             };
+            return (look, Vector3::x());
         };
         let sight = view.ray(px).map_or_else(Vector3::z, |ray| ray.direction);
         let across = axis
-            .and_then(|axis| axis.cross(&sight).try_normalize(1e-6))
+            .and_then(|axis| across(&jacobian, axis, &sight))
             .or_else(|| sight.cross(&Vector3::x()).try_normalize(1e-6))
             .unwrap_or_else(Vector3::y);
         let width = (jacobian * across).norm() * self.needle.diameter;
-        Look {
+        let look = Look {
             width,
             rim_px: axis.map_or(0.0, |axis| 0.5 * width * axis.dot(&sight).abs()),
             bevel_px: axis.map_or_else(
                 || (jacobian * across).norm(),
                 |axis| (jacobian * axis).norm(),
             ) * self.needle.bevel_length,
-            side: context.bevel.map(|bevel| bevel.dot(&across).abs().min(1.0)),
-        }
-    }
-
-    /// Finds the needle: at clicked points, near a guess, or anywhere.
-    fn start(&mut self, images: [&GrayImage; 2], context: &Context<'_>) -> Result<(), Loss> {
-        let clicked = self.clicked.take();
-        if clicked.is_none() && context.guess.is_some_and(|guess| guess.len() < 2) {
-            for (tracker, image) in self.images.iter_mut().zip(images) {
-                tracker.learn(image);
-            }
-            return Err(Loss::NotFound);
-        }
-        for k in 0..2 {
-            let (line, reach, look) = match (&clicked, context.guess) {
-                (Some(points), _) => {
-                    let line = points[k].iter().map(|px| px.0.coords).collect();
-                    let look = self.look(k, &self.scene, None, context);
-                    (line, AROUND_GUESS, look)
-                }
-                (None, Some(guess)) => self.near_guess(k, guess, context),
-                (None, None) => {
-                    let look = self.look(k, &self.scene, None, context);
-                    let tracker = &self.images[k];
-                    let line =
-                        find::find(images[k], tracker.background(), look.width, tracker.scale());
-                    (line.unwrap_or_default(), 4.0, look)
-                }
-            };
-            let tracker = &mut self.images[k];
-            let reach = reach * tracker.scale();
-            let nothing = line.len() < 2;
-            if nothing || tracker.start(images[k], &line, reach, &look).is_err() {
-                // What looks like a needle is not made background.
-                if nothing && context.guess.is_none() && clicked.is_none() {
-                    tracker.learn(images[k]);
-                }
-                self.forget_needle();
-                return Err(Loss::NotFound);
-            }
-        }
-        let outcome = self.first_curve().and_then(|mut curve| {
-            self.fuse(&mut curve, 12)?;
-            let plausible =
-                clicked.is_some() || context.guess.is_none_or(|guess| resembles(&curve, guess));
-            if plausible {
-                Ok(curve)
-            } else {
-                Err(Loss::NotFound)
-            }
-        });
-        match outcome {
-            Ok(curve) => {
-                self.curve = Some(curve);
-                self.losses = 0;
-                Ok(())
-            }
-            Err(loss) => {
-                self.forget_needle();
-                Err(loss)
-            }
-        }
-    }
-
-    /// A guess in one image.
-    fn near_guess(
-        &self,
-        k: usize,
-        guess: &[Point3<f64>],
-        context: &Context<'_>,
-    ) -> (Vec<Vector2<f64>>, f64, Look) {
-        let view = &self.views[k];
-        let line = guess
-            .iter()
-            .filter_map(|p| view.project(&p.coords))
-            .filter(|px| view.camera.contains(*px))
-            .map(|px| px.0.coords)
-            .collect();
-        let tip = guess.last().map_or(self.scene, |p| p.coords);
-        let axis = match guess {
-            [.., before, last] => (last - before).try_normalize(1e-9),
-            _ => None,
+            side: context.bevel.map(|bevel| {
+                let bevel = axis.map_or(bevel, |axis| turned(&bevel, axis, self.turn.angle()));
+                bevel.dot(&across).clamp(-1.0, 1.0)
+            }),
         };
-        let look = self.look(k, &tip, axis.as_ref(), context);
-        (line, AROUND_GUESS, look)
-    }
-
-    /// Points on both curves at equal parameters, triangulated: a start for the fit.
-    fn first_curve(&self) -> Result<Curve3, Loss> {
-        let count = self.settings.control_points;
-        let [Some(left), Some(right)] = [self.images[0].filter(), self.images[1].filter()] else {
-            return Err(Loss::NotFound);
-        };
-        let curves = [left.curve(), right.curve()];
-        let mut points = [Vector3::zeros(); MOST];
-        for (i, point) in points.iter_mut().enumerate().take(count) {
-            let t = i as f64 / (count - 1) as f64;
-            let pixels = curves.map(|curve| DistortedPx(curve.at(t).into()));
-            *point = triangulate(&self.views, &pixels, &[Matrix2::identity(); 2])
-                .map_err(|_| Loss::NoCurve)?
-                .position
-                .coords();
-        }
-        Ok(Curve3::through(count, points))
+        (look, across)
     }
 
     /// Fills the answer in.
@@ -483,6 +415,7 @@ impl StereoTracker {
         };
         let point = curve.at(1.0)
             + context.bevel.map_or_else(Vector3::zeros, |bevel| {
+                let bevel = turned(&bevel, &axis, self.turn.angle());
                 axis.into_inner() * self.needle.bevel_length + bevel * (0.5 * self.needle.diameter)
             });
         self.tracked.point = Position::new(point.into());

@@ -197,7 +197,7 @@ fn crossing(darkness: &[f32], start: f64, step: f64, level: f32) -> Option<Cross
 }
 
 /// Darkness summed over the needle's width and a margin, on the line through `origin` along
-/// `direction`, the background being `even`.
+/// `direction`, the background being `even`; and its first moment about `origin`.
 pub(super) fn mass(
     image: &GrayImage,
     background: &Background,
@@ -205,11 +205,17 @@ pub(super) fn mass(
     direction: Vector2<f64>,
     reach: usize,
     even: f64,
-) -> Option<f64> {
+) -> Option<[f64; 2]> {
     let mut samples = [0.0; 2 * REACH + 1];
     let samples = samples.get_mut(..=2 * reach)?;
     background.line(image, origin - direction * reach as f64, direction, samples)?;
-    Some(samples.iter().map(|sample| even - f64::from(*sample)).sum())
+    let (mut sum, mut moment) = (0.0, 0.0);
+    for (k, sample) in samples.iter().enumerate() {
+        let darkness = even - f64::from(*sample);
+        sum += darkness;
+        moment += darkness * (k as f64 - reach as f64);
+    }
+    Some([sum, moment])
 }
 
 /// Brightness of the background beside the needle: the mean at `distance` on both sides.

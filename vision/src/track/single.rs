@@ -50,7 +50,8 @@ pub struct Look {
     /// Length of the bevel \[px\].
     pub bevel_px: f64,
     /// Sine of the angle between the bevel's direction and the line of sight: 1 when the bevel is
-    /// seen from its side; without, it is found in the image.
+    /// seen from its side; positive where its point lies a quarter turn from the curve's tangent,
+    /// from x towards y. Without, it is found in the image.
     pub side: Option<f64>,
     /// How far the rim of a flat end stands before its centre, where the axis is not square to
     /// the line of sight \[px\].
@@ -89,6 +90,8 @@ pub struct ImageTracker {
     /// Where the needle comes into sight, and its direction there.
     gate: (Vector2<f64>, Vector2<f64>),
     bad: u32,
+    /// How far the bevel leans to one side in the newest image; see [`super::turn`].
+    leaning: Option<f64>,
 }
 
 impl ImageTracker {
@@ -117,6 +120,7 @@ impl ImageTracker {
             jumped: None,
             gate: (Vector2::zeros(), Vector2::x()),
             bad: 0,
+            leaning: None,
         })
     }
 
@@ -142,6 +146,11 @@ impl ImageTracker {
 
     pub(super) fn filter(&self) -> Option<&CurveFilter> {
         self.filter.as_ref()
+    }
+
+    /// How far the bevel leans to one side in the newest image, where it was measured.
+    pub(super) const fn leaning(&self) -> Option<f64> {
+        self.leaning
     }
 
     pub(super) fn background(&self) -> &Background {
@@ -187,6 +196,7 @@ impl ImageTracker {
     /// # Errors
     /// The needle was not measured; the prediction stays. Images of another size show none.
     pub fn follow(&mut self, image: &GrayImage, change: &Change, look: &Look) -> Result<(), Flaw> {
+        self.leaning = None;
         let start = self.start_parameter();
         let Some(mut filter) = self.filter.take() else {
             return Err(Flaw::Shaft);
@@ -371,6 +381,7 @@ impl ImageTracker {
         }
         filter.update(&offset);
         self.jumped = None;
+        self.leaning = fix.leaning;
         Ok(true)
     }
 

@@ -8,7 +8,7 @@
 use super::background::Background;
 use super::curve::{Curve2, normal, weights_and_slopes};
 use super::section::{beside, mass};
-use super::silhouette::{Falloff, TipView};
+use super::silhouette::{Falloff, TipView, WHOLE};
 use core::hint::black_box;
 use hal::GrayImage;
 use nalgebra::Vector2;
@@ -27,6 +27,8 @@ pub(super) struct TipFix {
     pub misfit: f64,
     /// How the bevel is turned, as given or found.
     pub side: f64,
+    /// What [`super::silhouette::leaning`] is of this tip; nothing without a bevel.
+    pub leaning: Option<f64>,
 }
 
 /// How the tip is sought.
@@ -38,7 +40,7 @@ pub(super) struct TipSearch {
     pub reach: f64,
     /// Length of the bevel in the image \[px\].
     pub bevel_px: f64,
-    /// How the bevel is turned, if known: see [`TipView::side`].
+    /// How the bevel is turned, if known: see [`TipView::side`]; the sign does not matter.
     pub side: Option<f64>,
     /// See [`TipView::rim_px`].
     pub rim_px: f64,
@@ -50,6 +52,8 @@ pub(super) struct TipSearch {
 struct Run {
     start: f64,
     masses: [f64; STATIONS],
+    /// First moments about the axis.
+    moments: [f64; STATIONS],
     count: usize,
 }
 
@@ -69,6 +73,7 @@ fn run(
     let mut run = Run {
         start: -behind,
         masses: [0.0; STATIONS],
+        moments: [0.0; STATIONS],
         count,
     };
     let mut stations = [(Vector2::zeros(), Vector2::zeros()); STATIONS];
@@ -88,9 +93,11 @@ fn run(
         read += background.touch(image, centre - aside * far, *aside, 2.0 * far);
     }
     black_box(read);
-    for (value, (centre, aside)) in run.masses.iter_mut().zip(stations).take(count) {
+    let places = run.masses.iter_mut().zip(&mut run.moments);
+    for ((value, moment), (centre, aside)) in places.zip(stations).take(count) {
         let even = beside(image, background, centre, aside, across + 1.5)?;
-        *value = mass(image, background, centre, aside, across as usize, even)? / even;
+        let darkness = mass(image, background, centre, aside, across as usize, even)?;
+        [*value, *moment] = darkness.map(|darkness| darkness / even);
     }
     Some(run)
 }
@@ -108,14 +115,52 @@ pub(super) fn find(
     search: &TipSearch,
 ) -> Option<TipFix> {
     let run = run(image, background, curve, search)?;
-    let fit = |side: f64| fit(&run, search, side);
-    match search.side {
+    let fit = |side: f64| fit(&run, search, side.abs());
+    let fix = match search.side {
         Some(side) => fit(side),
         None if search.bevel_px < 1.0 => fit(1.0),
         None => [0.0, 0.3, 0.6, 0.85, 1.0]
             .into_iter()
             .filter_map(fit)
             .min_by(|a, b| a.misfit.total_cmp(&b.misfit)),
+    }?;
+    Some(TipFix {
+        leaning: run.leaning(fix.shift, search),
+        ..fix
+    })
+}
+
+impl Run {
+    /// See [`TipFix::leaning`]; O is `shift` ahead of the curve's end.
+    fn leaning(&self, shift: f64, search: &TipSearch) -> Option<f64> {
+        /// Where the shaft just behind O is measured \[px\].
+        const SHAFT: [f64; 2] = [-8.0, -2.0];
+        /// Shortest bevel whose turn can be seen \[px\].
+        const SHORTEST: f64 = 3.0;
+        if search.bevel_px < SHORTEST {
+            return None;
+        }
+        let sum = |from: f64, to: f64| {
+            let mut sum = [0.0; 3];
+            for k in 0..self.count {
+                let ahead = self.start + k as f64 - shift;
+                // A station stands for a pixel; at the ends it counts by its part within.
+                let share = (ahead - from + 0.5).min(to - ahead + 0.5).clamp(0.0, 1.0);
+                sum[0] += share;
+                sum[1] += share * self.masses[k];
+                sum[2] += share * self.moments[k];
+            }
+            sum
+        };
+        let [stations, mass, moment] = sum(SHAFT[0], SHAFT[1]);
+        if stations < 3.0 || mass <= 0.0 {
+            return None;
+        }
+        let beside = moment / mass;
+        let end = search.bevel_px + 3.0 * search.blur;
+        let [_, tail, turned] = sum(WHOLE * search.bevel_px, end);
+        let unit = 0.25 * mass / stations * search.width * search.bevel_px;
+        Some((turned - beside * tail) / unit)
     }
 }
 
@@ -179,5 +224,6 @@ fn fit(run: &Run, search: &TipSearch, side: f64) -> Option<TipFix> {
         sigma: scatter / slopes.sqrt(),
         misfit: scatter / amplitude,
         side,
+        leaning: None,
     })
 }
