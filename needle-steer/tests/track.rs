@@ -275,6 +275,74 @@ fn a_bevel_is_followed_through_blank_frames() {
     }
 }
 
+/// Runs `track` on something that shows no needle; nothing may be left of it. Answers what it said.
+fn refused(film: &Film, left: &[String], right: &[String], more: &[&str]) -> String {
+    let overlay = film.path("refused-overlay");
+    let more: Vec<&str> = more
+        .iter()
+        .copied()
+        .chain(["--overlay", &overlay])
+        .collect();
+    let output = film.track_files(left, right, "refused.jsonl", &more);
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(output.stdout.is_empty());
+    assert!(!film.folder.join("refused.jsonl").exists(), "{message}");
+    assert!(!Path::new(&overlay).exists(), "{message}");
+    message
+}
+
+#[test]
+fn images_without_a_needle_are_refused() {
+    let film = Film::new("track-nothing", 89.9_f64.to_radians(), 0..0);
+    for grey in [0, 255] {
+        let files = ["left", "right"].map(|side| {
+            let file = |k: usize| film.path(&format!("{side}-{grey}-{k}.png"));
+            let files: Vec<String> = (0..4).map(file).collect();
+            for file in &files {
+                save(Path::new(file), &GrayImage::filled(640, 480, grey));
+            }
+            files
+        });
+        let message = refused(&film, &files[0], &files[1], &[]);
+        let said = format!(
+            "none of 4 pairs (the left image shows nothing: grey levels from {grey} to {grey}"
+        );
+        assert!(message.contains(&said), "{message}");
+    }
+}
+
+#[test]
+fn a_calibration_of_other_cameras_is_refused() {
+    let film = Film::new("track-others", 89.9_f64.to_radians(), 0..0);
+    // The same images' size, the right camera elsewhere along the needle: by 1 cm.
+    let yml = std::fs::read_to_string(film.path("stereo.yml")).unwrap();
+    let file = vision::files::read_stereo(Path::new(&film.path("stereo.yml"))).unwrap();
+    let mut rig = file.rig;
+    let mut right_from_left = *rig.right_from_left.isometry();
+    right_from_left.translation.vector.y += 0.01;
+    rig.right_from_left = Transform::assume(right_from_left);
+    let other = stereo_yml(&StereoFile {
+        rig,
+        covariance: None,
+        corner_sigma_px: None,
+    });
+    assert_ne!(yml, other);
+    let path = film.path("other-cameras.yml");
+    std::fs::write(&path, other).unwrap();
+    let message = refused(
+        &film,
+        &film.left[..6],
+        &film.right[..6],
+        &["--calibration", &path],
+    );
+    assert!(
+        message.contains("none of 6 pairs (the images disagree about the tip by"),
+        "{message}"
+    );
+    assert!(message.contains("other-cameras.yml"), "{message}");
+}
+
 #[test]
 fn bad_input_is_named_and_nothing_is_written() {
     let film = Film::new("track-bad", 89.9_f64.to_radians(), 0..0);

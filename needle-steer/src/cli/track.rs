@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Point3};
 use serde::Serialize;
 use vision::DistortedPx;
 use vision::files::{FileError, read_image, read_stereo, same_size, write_overlay};
-use vision::track::{Appearance, Context, FrameError, StereoTracker, TrackSettings, Tracked};
+use vision::track::{Appearance, Context, FrameError, Loss, StereoTracker, TrackSettings, Tracked};
 
 use super::{Usage, print_json};
 use crate::sight;
@@ -85,7 +85,10 @@ pub(super) fn execute(args: &TrackArgs) -> anyhow::Result<ExitCode> {
     let mut tracker = prepare(args)?;
     let mut out = create(&args.out)?;
     let tracked = track(args, &mut tracker, &mut out);
-    let tracked = tracked.and_then(|summary| {
+    let tracked = tracked.and_then(|(summary, problem)| {
+        if summary.tracked == 0 {
+            return Err(nowhere(args, &problem).into());
+        }
         out.flush()
             .with_context(|| args.out.display().to_string())?;
         Ok(summary)
@@ -93,6 +96,13 @@ pub(super) fn execute(args: &TrackArgs) -> anyhow::Result<ExitCode> {
     if tracked.is_err() {
         // Half a result would look like a whole one.
         let _ = std::fs::remove_file(&args.out);
+        if let Some(folder) = &args.overlay {
+            for frame in 0..args.left.len() {
+                let _ = std::fs::remove_file(picture(folder, frame));
+            }
+            // Stays if there was something else in it.
+            let _ = std::fs::remove_dir(folder);
+        }
     }
     let summary = tracked?;
     if args.json {
@@ -109,6 +119,15 @@ pub(super) fn execute(args: &TrackArgs) -> anyhow::Result<ExitCode> {
         )?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// No pair shows a needle; `problem` is what the first one that says more than that had.
+fn nowhere(args: &TrackArgs, problem: &str) -> Usage {
+    Usage(format!(
+        "the needle was found in none of {} pairs ({problem}): are these its images, and is {} the calibration of their cameras?",
+        args.left.len(),
+        args.calibration.display()
+    ))
 }
 
 /// Checks everything that can be checked before the first frame.
@@ -219,16 +238,23 @@ fn track(
     args: &TrackArgs,
     tracker: &mut StereoTracker,
     out: &mut impl Write,
-) -> anyhow::Result<Summary> {
+) -> anyhow::Result<(Summary, String)> {
     let mut summary = Summary {
         out: args.out.clone(),
         ..Summary::default()
     };
+    let mut problem = String::new();
+    let not_found = sight::problem(&Loss::NotFound);
     for (frame, (left, right)) in args.left.iter().zip(&args.right).enumerate() {
         let pair = pair([left, right], frame, args.rate_hz).map_err(refused)?;
         let refused = tracker.track(&pair, &Context::default()).err();
         let tracked = tracker.tracked();
         let line = line(frame, tracked, refused.as_ref(), args.bevel_mm * 1e-3);
+        if let Some(text) = &line.problem
+            && (problem.is_empty() || problem == not_found)
+        {
+            problem.clone_from(text);
+        }
         summary.frames += 1;
         *match tracked.status {
             Tracking::Tracked => &mut summary.tracked,
@@ -244,7 +270,7 @@ fn track(
             write_overlay(&picture(folder, frame), images, &tracked.curves)?;
         }
     }
-    Ok(summary)
+    Ok((summary, problem))
 }
 
 fn pair(files: [&PathBuf; 2], frame: usize, rate_hz: f64) -> Result<StereoFrame, FileError> {

@@ -85,7 +85,7 @@ mod tests {
     #[test]
     fn a_leaning_that_no_bevel_has_is_not_believed() {
         let mut turn = Turn::unknown();
-        turn.observe(2.0, |angle| angle.sin());
+        turn.observe(2.0, f64::sin);
         assert!(turn.angle() == 0.0);
     }
 }
