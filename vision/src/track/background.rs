@@ -22,6 +22,10 @@ const HIDDEN: f32 = 0.6;
 /// Images after which a pixel's mean changes no more quickly.
 const MEMORY: u32 = 32;
 
+/// Distance of painted points \[px\]: of a square grid of them, however turned, one lies in every
+/// pixel as long as half its diagonal is shorter than half a pixel.
+pub(super) const PAINTED: f64 = 0.66;
+
 /// Mean image without the needle.
 #[derive(Clone, Debug)]
 pub(super) struct Background {
@@ -37,6 +41,19 @@ struct Cell {
     index: usize,
     x: f32,
     y: f32,
+}
+
+/// Bits after the point of a coordinate in fixed point.
+const POINT: u32 = 32;
+
+fn fixed(coordinate: f64) -> i64 {
+    (coordinate * (1_u64 << POINT) as f64) as i64
+}
+
+/// Part of a coordinate after its point, to 16 bits.
+fn fraction(coordinate: i64) -> f32 {
+    let bits = (coordinate >> (POINT - 16)) & 0xffff;
+    bits as f32 / 65536.0
 }
 
 impl Background {
@@ -90,12 +107,16 @@ impl Background {
             let row = y * self.width;
             let mean = self.grey.get_mut(row + left..row + right);
             let seen = image.pixels().get(row + left..row + right);
-            for (mean, grey) in mean.into_iter().flatten().zip(seen.into_iter().flatten()) {
+            let (mean, seen) = (mean.unwrap_or_default(), seen.unwrap_or_default());
+            for (mean, grey) in mean.iter_mut().zip(seen) {
                 // Should the needle be there after all, it is not learned.
                 let grey = f32::from(*grey);
-                if grey > NO_NEEDLE * *mean {
-                    *mean += (grey - *mean) / 12.0;
-                }
+                let share = if grey > NO_NEEDLE * *mean {
+                    1.0 / 12.0
+                } else {
+                    0.0
+                };
+                *mean += (grey - *mean) * share;
             }
         }
     }
@@ -106,12 +127,13 @@ impl Background {
         let (Some(a), Some(b)) = (self.at(from), self.at(to)) else {
             return;
         };
-        let steps = (to - from).norm().ceil().max(1.0) * 2.0;
+        let steps = ((to - from).norm() / PAINTED).ceil().max(1.0);
         let mut step = 0.0;
         while step <= steps {
             let share = step / steps;
             let p = from + (to - from) * share;
-            let (x, y) = (p.x.round(), p.y.round());
+            // Its nearest pixel.
+            let (x, y) = (p.x + 0.5, p.y + 0.5);
             if x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64 {
                 let index = y as usize * self.width + x as usize;
                 if let Some(grey) = self.grey.get_mut(index) {
@@ -122,12 +144,19 @@ impl Background {
         }
     }
 
-    /// Brightness of a row of the image relative to the background: 1 where that is dark.
-    pub(super) fn relative_row(&self, image: &GrayImage, y: usize) -> impl Iterator<Item = f32> {
+    /// Brightness of every `every`th pixel of a row of the image relative to the background: 1
+    /// where that is dark.
+    pub(super) fn relative_row(
+        &self,
+        image: &GrayImage,
+        y: usize,
+        every: usize,
+    ) -> impl Iterator<Item = f32> {
         let row = y * self.width..(y + 1) * self.width;
         let mean = self.grey.get(row.clone()).unwrap_or_default();
         let seen = image.pixels().get(row).unwrap_or_default();
-        seen.iter().zip(mean).map(|(grey, mean)| {
+        let pairs = seen.iter().step_by(every).zip(mean.iter().step_by(every));
+        pairs.map(|(grey, mean)| {
             let ratio = f32::from(*grey) / mean;
             if *mean > DARK { ratio } else { 1.0 }
         })
@@ -198,15 +227,17 @@ impl Background {
         self.cell(origin)?;
         self.cell(end)?;
         let below = self.width;
+        // Fixed point is quicker than converting every coordinate; steps are exact to 2^-32 px.
+        let (mut x, mut y) = (fixed(origin.x), fixed(origin.y));
+        let (step_x, step_y) = (fixed(direction.x), fixed(direction.y));
         let mut darkest = f32::INFINITY;
-        for (k, sample) in samples.iter_mut().enumerate() {
-            let p = origin + direction * k as f64;
+        for sample in samples {
             // Rounding may lead a hair outside, where the nearest cell does.
-            let (x, y) = (p.x.max(0.0) as usize, p.y.max(0.0) as usize);
+            let (right, down) = (x.max(0), y.max(0));
             let cell = Cell {
-                index: y * below + x,
-                x: (p.x - x as f64) as f32,
-                y: (p.y - y as f64) as f32,
+                index: (down >> POINT) as usize * below + (right >> POINT) as usize,
+                x: fraction(right),
+                y: fraction(down),
             };
             let seen = image.pixels().get(cell.index..cell.index + below + 2)?;
             let mean = self.grey.get(cell.index..cell.index + below + 2)?;
@@ -214,6 +245,8 @@ impl Background {
             let mean = cell.blend(mean[0], mean[1], mean[below], mean[below + 1]);
             *sample = cell.blend(grey(0), grey(1), grey(below), grey(below + 1)) / mean;
             darkest = darkest.min(mean);
+            x += step_x;
+            y += step_y;
         }
         (darkest > DARK).then_some(())
     }

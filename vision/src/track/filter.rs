@@ -7,6 +7,8 @@ use super::curve::{Curve2, MOST, Weights, slopes, weights};
 
 /// The curve's control points, then the tip's speed; what is left over is idle.
 const STATES: usize = 2 * MOST + 1;
+/// Pairs of control points, each counted once.
+const PAIRS: usize = MOST * (MOST + 1) / 2;
 
 /// Of the filter.
 pub(super) type State = SVector<f64, STATES>;
@@ -39,9 +41,9 @@ pub struct Change {
 }
 
 /// A measured displacement along a line through the curve.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Offset {
-    /// Parameter of the point on the predicted curve.
+    /// Weights of the point on the predicted curve.
     pub weights: Weights,
     /// Unit direction of the line.
     pub direction: Vector2<f64>,
@@ -49,6 +51,33 @@ pub(super) struct Offset {
     pub value: f64,
     /// Variance of the measurement \[px2\].
     pub variance: f64,
+    /// Products of two weights each, in the order of [`CurveFilter::solve`].
+    products: [f64; PAIRS],
+}
+
+impl Offset {
+    pub(super) fn new(
+        weights: Weights,
+        direction: Vector2<f64>,
+        value: f64,
+        variance: f64,
+    ) -> Self {
+        let mut products = [0.0; PAIRS];
+        let mut pair = 0;
+        for (i, wi) in weights.iter().enumerate() {
+            for wj in weights.iter().take(i + 1) {
+                products[pair] = wi * wj;
+                pair += 1;
+            }
+        }
+        Self {
+            weights,
+            direction,
+            value,
+            variance,
+            products,
+        }
+    }
 }
 
 /// What measurements say of the state.
@@ -234,27 +263,46 @@ impl CurveFilter {
     /// Adds measurements to what [`Self::begin`] prepared and solves: each by its share, their
     /// deviations taken as `scale` times what they state. The filter itself stays as it is.
     pub(super) fn solve(&self, offsets: &[Offset], shares: &[f64], scale: f64) -> Option<Solution> {
-        // Of the symmetric sum the lower half is filled, which is what is factored.
         let mut information = self.information;
         let mut pull = self.pull;
+        // Of the symmetric sum the lower half is filled, which is what is factored.
+        // A row is a place's weights times a direction: so there is a sum for each pair of weights
+        // and each pair of axes.
+        let pairs = self.count * (self.count + 1) / 2;
+        let mut sums = [[0.0; PAIRS]; 3];
+        let mut pulls = [[0.0; MOST]; 2];
         for (offset, share) in offsets.iter().zip(shares) {
             if *share <= 0.0 {
                 continue;
             }
             let weight = share / (offset.variance * scale * scale);
-            let mut row = [0.0; 2 * MOST];
-            for i in 0..self.count {
-                row[2 * i] = offset.weights[i] * offset.direction.x;
-                row[2 * i + 1] = offset.weights[i] * offset.direction.y;
-            }
-            let used = 2 * self.count;
-            for a in 0..used {
-                let wa = weight * row[a];
-                pull[a] += wa * offset.value;
-                for b in 0..=a {
-                    information[(a, b)] += wa * row[b];
+            let (x, y) = (offset.direction.x, offset.direction.y);
+            let axes = [weight * x * x, weight * x * y, weight * y * y];
+            for (sums, axis) in sums.iter_mut().zip(axes) {
+                for (sum, product) in sums.iter_mut().zip(&offset.products).take(pairs) {
+                    *sum += axis * product;
                 }
             }
+            let drawn = [weight * offset.value * x, weight * offset.value * y];
+            for (pulls, drawn) in pulls.iter_mut().zip(drawn) {
+                for (pull, wi) in pulls.iter_mut().zip(offset.weights) {
+                    *pull += drawn * wi;
+                }
+            }
+        }
+        let mut pair = 0;
+        for i in 0..self.count {
+            for j in 0..=i {
+                information[(2 * i, 2 * j)] += sums[0][pair];
+                information[(2 * i + 1, 2 * j)] += sums[1][pair];
+                if i > j {
+                    information[(2 * i, 2 * j + 1)] += sums[1][pair];
+                }
+                information[(2 * i + 1, 2 * j + 1)] += sums[2][pair];
+                pair += 1;
+            }
+            pull[2 * i] += pulls[0][i];
+            pull[2 * i + 1] += pulls[1][i];
         }
         let factor = Factor::new(&information, self.states())?;
         Some(Solution {

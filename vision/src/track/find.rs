@@ -127,7 +127,7 @@ fn rows(image: &GrayImage, background: &Background, every: usize) -> Scanned {
     let (width, lines) = (image.width(), image.height() / every);
     let mut samples = Vec::with_capacity(width * lines);
     for line in 0..lines {
-        samples.extend(background.relative_row(image, line * every));
+        samples.extend(background.relative_row(image, line * every, 1));
     }
     Scanned {
         samples,
@@ -140,7 +140,7 @@ fn columns(image: &GrayImage, background: &Background, every: usize) -> Scanned 
     let (height, lines) = (image.height(), image.width() / every);
     let mut samples = vec![1.0; height * lines];
     for y in 0..height {
-        let row = background.relative_row(image, y).step_by(every);
+        let row = background.relative_row(image, y, every);
         let there = samples.get_mut(y..).unwrap_or_default();
         for (sample, brightness) in there.iter_mut().step_by(height).zip(row) {
             *sample = brightness;

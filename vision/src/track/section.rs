@@ -134,20 +134,19 @@ pub(super) fn cross(
 /// Middle of the window of `width` samples that is darkest, near ones first: of all windows
 /// nearly as dark as the darkest, the one nearest to the line's middle.
 fn peak(darkness: &[f32], width: usize, reach: usize) -> Option<f64> {
-    let sums = |k: usize| {
-        darkness
-            .get(k..k + width)
-            .map_or(0.0, |w| w.iter().sum::<f32>())
-    };
     let last = darkness.len().checked_sub(width + 1)?;
-    let most = (1..last).map(sums).fold(0.0, f32::max);
+    let mut sums = [0.0_f32; 2 * REACH + 1];
+    let mut running = darkness.get(..width)?.iter().sum();
+    for (k, sum) in sums.iter_mut().enumerate().take(last + 1) {
+        *sum = running;
+        running += darkness.get(k + width).unwrap_or(&0.0) - darkness[k];
+    }
+    let most = sums.get(1..last)?.iter().copied().fold(0.0, f32::max);
     let offset = 0.5 * (width - 1) as f64;
-    (1..last)
-        .filter(|k| {
-            let here = sums(*k);
-            here > 0.7 * most && here >= sums(k - 1) && here >= sums(k + 1)
-        })
-        .map(|k| k as f64 + offset)
+    let neighbours = sums.windows(3).take(last.saturating_sub(1)).enumerate();
+    neighbours
+        .filter(|(_, sums)| sums[1] > 0.7 * most && sums[1] >= sums[0] && sums[1] >= sums[2])
+        .map(|(k, _)| (k + 1) as f64 + offset)
         .min_by(|a, b| {
             (a - reach as f64)
                 .abs()

@@ -143,14 +143,13 @@ fn blurred(sharp: &[f64; ENTRIES], sigma: f64) -> [f64; ENTRIES] {
     for (k, value) in padded.iter_mut().enumerate().take(ENTRIES + 2 * reach) {
         *value = at(k);
     }
+    // Tap by tap rather than entry by entry: neighbours are summed at once.
     let mut values = [0.0; ENTRIES];
-    for (value, window) in values.iter_mut().zip(padded.windows(2 * reach + 1)) {
-        let sum: f64 = window
-            .iter()
-            .enumerate()
-            .map(|(k, sample)| sample * kernel[k.abs_diff(reach)])
-            .sum();
-        *value = sum / total;
+    for tap in 0..=2 * reach {
+        let weight = kernel[tap.abs_diff(reach)] / total;
+        for (value, sample) in values.iter_mut().zip(&padded[tap..]) {
+            *value += weight * sample;
+        }
     }
     values
 }

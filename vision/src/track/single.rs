@@ -273,12 +273,9 @@ impl ImageTracker {
             contrast += dark;
             noise += scatter;
             let floor = self.settings.normal_floor_px;
-            self.offsets.push(Offset {
-                weights: n.row,
-                direction: n.direction,
-                value: offset,
-                variance: sigma * sigma + floor * floor,
-            });
+            let variance = sigma * sigma + floor * floor;
+            self.offsets
+                .push(Offset::new(n.row, n.direction, offset, variance));
         }
         let enough = ((SURVIVORS.0 * wanted as f64) as usize).max(SURVIVORS.1);
         if self.offsets.len() < enough {
@@ -301,6 +298,8 @@ impl ImageTracker {
     fn robust(&mut self, filter: &mut CurveFilter, look: &Look) -> Option<Solution> {
         /// Tukey's constant, for 95 % efficiency on Gaussian noise.
         const TUKEY: f64 = 4.685;
+        /// Change by another round that is none \[px\].
+        const SETTLED: f64 = 2e-3;
         if !filter.begin(BEND / look.width) {
             return None;
         }
@@ -308,23 +307,28 @@ impl ImageTracker {
         self.shares.resize(self.offsets.len(), 1.0);
         let mut solution = filter.solve(&self.offsets, &self.shares, 1.0)?;
         for _ in 0..3 {
-            self.sorted.clear();
-            for offset in &self.offsets {
-                self.sorted.push(residual(offset, &solution.change).abs());
+            // First the residuals, then what they are worth.
+            for (share, offset) in self.shares.iter_mut().zip(&self.offsets) {
+                *share = residual(offset, &solution.change).abs();
             }
+            self.sorted.clear();
+            self.sorted.extend_from_slice(&self.shares);
             let middle = self.sorted.len() / 2;
             let (_, median, _) = self.sorted.select_nth_unstable_by(middle, f64::total_cmp);
             let scale = (1.4826 * *median).max(1.0);
-            for (share, offset) in self.shares.iter_mut().zip(&self.offsets) {
-                let x = residual(offset, &solution.change) / (TUKEY * scale);
-                *share = if x.abs() < 1.0 {
-                    (1.0 - x * x).powi(2)
-                } else {
-                    0.0
-                };
+            let limit = 1.0 / (TUKEY * scale);
+            for share in &mut self.shares {
+                let x = *share * limit;
+                *share = (1.0 - x * x).max(0.0).powi(2);
             }
             // Residuals larger than their stated noise say that it is larger.
-            solution = filter.solve(&self.offsets, &self.shares, scale)?;
+            let next = filter.solve(&self.offsets, &self.shares, scale)?;
+            let points = 2 * self.settings.control_points;
+            let moved = (next.change - solution.change).rows(0, points).amax();
+            solution = next;
+            if moved < SETTLED * self.scale {
+                break;
+            }
         }
         Some(solution)
     }
@@ -361,12 +365,8 @@ impl ImageTracker {
         let fix = if self.bad == 0 { seek(near) } else { None };
         let fix = fix.or_else(|| seek(wide)).ok_or(Flaw::Tip)?;
         let floor = self.settings.tip_floor_px * self.scale.max(1.0);
-        let offset = Offset {
-            weights: end,
-            direction: tangent,
-            value: fix.shift,
-            variance: fix.sigma * fix.sigma + floor * floor,
-        };
+        let variance = fix.sigma * fix.sigma + floor * floor;
+        let offset = Offset::new(end, tangent, fix.shift, variance);
         let place = curve.tip() + tangent * fix.shift;
         if fix.shift.abs() > GATE * (doubt + offset.variance).sqrt() {
             // Where two images agree the tip has jumped, or stopped.

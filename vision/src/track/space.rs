@@ -166,7 +166,8 @@ impl Curve3 {
             if !moved.is_finite() || moved > 0.05 {
                 return false;
             }
-            if moved < 1e-7 {
+            // Rays bend by so little on the way that what is left is its square over the distance.
+            if moved < 2e-5 {
                 break;
             }
         }

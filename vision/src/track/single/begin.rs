@@ -4,6 +4,7 @@ use hal::GrayImage;
 use nalgebra::Vector2;
 
 use super::{Flaw, ImageTracker, Look, SURVIVORS};
+use crate::track::background::PAINTED;
 use crate::track::curve::{Curve2, MOST, normal, weights};
 use crate::track::filter::{CurveFilter, Offset};
 use crate::track::section::{Expected, cross};
@@ -80,13 +81,11 @@ impl ImageTracker {
             };
             let section = cross(image, &self.background, guess.at(t), direction, &expected);
             if let Some(section) = section {
-                self.offsets.push(Offset {
-                    weights: weights(count, t),
-                    direction,
-                    value: section.offset,
-                    // Loose, so that smooth misfits of the guess are no outliers.
-                    variance: self.scale * self.scale,
-                });
+                // Loose, so that smooth misfits of the guess are no outliers.
+                let variance = self.scale * self.scale;
+                let row = weights(count, t);
+                self.offsets
+                    .push(Offset::new(row, direction, section.offset, variance));
             }
         }
         if self.offsets.len() < SURVIVORS.1 {
@@ -150,7 +149,7 @@ impl ImageTracker {
     /// Takes the needle out of a background that was learned with it.
     fn paint_out(&mut self, curve: &Curve2, look: &Look) {
         let half = 0.5 * look.width + 2.5 * self.scale;
-        let steps = (2.0 * curve.length()).ceil();
+        let steps = (curve.length() / PAINTED).ceil();
         let margin = (look.bevel_px + 8.0 * self.scale) / curve.length().max(1.0);
         let mut step = 0.0;
         while step <= steps {
