@@ -29,6 +29,7 @@ pub mod laws;
 pub mod motion;
 pub mod reach;
 pub mod settings;
+mod workspace;
 
 pub use estimator::{Estimator, EstimatorError, Health, Observation, Rollout, Start};
 pub use laws::{LAW_NAMES, LawError, law_by_name};

@@ -287,6 +287,43 @@ fn a_needle_pushed_and_turned_by_fits_and_starts_does_not_move_sideways() {
     assert!(fastest < 0.0101, "faster than ever wanted: {fastest}");
 }
 
+/// One joint stands at its end, the others still move fast, and a slow motion is wanted that
+/// would take all of them further: they must slow down, though the first cannot follow.
+#[test]
+fn a_joint_at_its_end_does_not_keep_the_others_going() {
+    let chain = viper();
+    let limits = chain.limits();
+    let limiter = Limiter::new(limits, MARGIN, HOLD).unwrap();
+    for at_end in 0..6 {
+        let mut q = Joints::from([0.0, -1.2, 2.4, 0.0, 0.9, 0.0]);
+        q[at_end] = limits[at_end].upper - MARGIN;
+        let mut motion = Motion::steady(q.zeroed());
+        let mut wanted = q.zeroed();
+        for joint in 0..6 {
+            motion.rates[joint] = if joint == at_end { 0.0 } else { 0.05 };
+            wanted[joint] = 0.005;
+        }
+        for _ in 0..12 {
+            let limited = limiter.step(&q, &motion, &wanted, PERIOD);
+            let after = Motion {
+                rates: limited.rates,
+                accelerations: limited
+                    .rates
+                    .zip(&motion.rates, |new, old| (new - old) / PERIOD),
+            };
+            q = q.zip(&limited.rates, |q, rate| q + rate * PERIOD);
+            assert_kept(limits, &motion, &after, &q, PERIOD);
+            motion = after;
+        }
+        // After 0.2 s, in which every joint can stop.
+        assert!(
+            motion.rates.max_abs() < 0.006,
+            "joint {at_end}: {:?}",
+            motion.rates
+        );
+    }
+}
+
 #[test]
 fn full_speed_into_every_limit_ends_at_the_margin() {
     let chain = viper();

@@ -108,7 +108,10 @@ impl Limiter {
                 Some(Self::axis(i, motion).admissible(&self.bounds(i, positions), dt, self.hold));
         }
         self.along_line(positions, motion, wanted, dt, &ranges)
-            .or_else(|| self.blended(motion, &self.attainable(wanted), dt, &ranges))
+            .or_else(|| {
+                let target = self.attainable(motion, wanted, dt, &ranges);
+                self.blended(motion, &target, dt, &ranges)
+            })
             .or_else(|| {
                 let rest = (wanted.zeroed(), nearest_end(&ranges));
                 self.blended(motion, &rest, dt, &ranges)
@@ -125,13 +128,31 @@ impl Limiter {
         }
     }
 
-    /// `wanted`, slowed to what every joint can do, and the limit that slows it.
-    fn attainable(&self, wanted: &Joints) -> (Joints, Option<Limit>) {
+    /// `wanted`, slowed to what every joint can do, and the limit that slows it. A joint that is
+    /// stopped by its end slows all: else the others would go on as they did.
+    fn attainable(
+        &self,
+        motion: &Motion,
+        wanted: &Joints,
+        dt: f64,
+        ranges: &[Option<Admissible>; MAX_JOINTS],
+    ) -> (Joints, Option<Limit>) {
         let (mut scale, mut slowed) = (1.0, None);
-        for (i, (limit, x)) in (0_u8..).zip(self.limits.iter().zip(wanted.iter())) {
-            let share = limit.velocity / x.abs();
-            if share < scale {
-                (scale, slowed) = (share, Some(Limit::JointVelocity(i)));
+        let joints = self.limits.iter().zip(ranges.iter().flatten()).enumerate();
+        for ((i, (limit, range)), joint) in joints.zip(0_u8..) {
+            let (rate, x) = (motion.rates[i], wanted[i]);
+            let mut consider = |most: f64, by: Limit| {
+                if most < scale * x.abs() {
+                    (scale, slowed) = (most / x.abs(), Some(by));
+                }
+            };
+            consider(limit.velocity, Limit::JointVelocity(joint));
+            if x > 0.0 && range.high_cause == Cause::Position {
+                let most = (rate + range.high * dt).max(0.0);
+                consider(most, Limit::JointPosition(joint));
+            } else if x < 0.0 && range.low_cause == Cause::Position {
+                let most = (-rate - range.low * dt).max(0.0);
+                consider(most, Limit::JointPosition(joint));
             }
         }
         (wanted.map(|x| x * scale), slowed)
@@ -360,7 +381,7 @@ impl Limiter {
         dt: f64,
         ranges: &[Option<Admissible>; MAX_JOINTS],
     ) -> Limited {
-        let (target, _) = self.attainable(wanted);
+        let (target, _) = self.attainable(motion, wanted, dt, ranges);
         let duration = |i: usize| {
             let (limit, change) = (&self.limits[i], (target[i] - motion.rates[i]).abs());
             let ramp = limit.acceleration / limit.jerk;

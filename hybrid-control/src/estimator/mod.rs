@@ -30,6 +30,9 @@ use stiffness::StiffnessFit;
 /// it is then says nothing about the path \[m\].
 const LOOSE: f64 = 0.15e-3;
 
+/// Share by which a tip that is drawn back follows a measurement.
+const FOLLOW: f64 = 0.2;
+
 /// No measurement is taken for better than this \[m\].
 const LEAST_SIGMA: f64 = 1e-6;
 
@@ -60,6 +63,8 @@ pub struct Estimator {
     depth_offset: f64,
     /// Measured minus modelled slope of the tip, slowly filtered.
     slope_offset: Vector2<f64>,
+    /// Measured tip beside its hole while it is drawn back, filtered \[m\]: the tissue is stretched.
+    beside_hole: Vector2<f64>,
     observations: u64,
     /// Way of the tip as far as the model moved it, without what measurements changed \[m, World\].
     way: Vector3<f64>,
@@ -76,6 +81,11 @@ fn positive(quantity: &'static str, value: f64) -> Result<(), EstimatorError> {
 
 fn planar(row: &Row) -> Vector2<f64> {
     Vector2::new(row[X], row[Y])
+}
+
+/// Where a tip that is drawn back would be in its hole, were the tissue not stretched.
+fn in_hole(m: &Moment) -> Vector2<f64> {
+    planar(&m.path.at((m.path.tip_depth() - m.retracted).max(0.0)))
 }
 
 impl Estimator {
@@ -142,6 +152,7 @@ impl Estimator {
             last_fit: None,
             depth_offset: 0.0,
             slope_offset: Vector2::zeros(),
+            beside_hole: Vector2::zeros(),
             observations: 0,
             way: Vector3::zeros(),
             start: *start,
@@ -200,8 +211,14 @@ impl Estimator {
         let gain = (1.0 / self.observations as f64).max(0.05);
         self.depth_offset += gain * (ahead + m.retracted);
         if m.retracted > LOOSE {
+            let beside = position.coords.xy() - in_hole(m);
+            self.beside_hole += (beside - self.beside_hole) * FOLLOW;
             return Health::Used;
         }
+        // It cuts on from where it is.
+        let beside = core::mem::take(&mut self.beside_hole);
+        let mut held = m.filter.x.fixed_rows_mut::<2>(0);
+        held += beside;
         m.filter.measure_position(
             &(position.coords.xy() - slope * ahead),
             o.position_sigma.max(LEAST_SIGMA),
@@ -412,9 +429,8 @@ impl Estimator {
 
     fn tip(&self, age: f64) -> Tip {
         let m = &self.present;
-        // A needle drawn back lies in its hole.
         let c = if m.retracted > LOOSE {
-            planar(&m.path.at((m.path.tip_depth() - m.retracted).max(0.0)))
+            in_hole(m) + self.beside_hole
         } else {
             m.filter.position()
         };

@@ -6,10 +6,7 @@ use nalgebra::Vector3;
 
 use crate::estimator::Estimator;
 use crate::view::{Decision, Law, View};
-
-/// Time constant with which the base approaches the workspace's bounds \[s\]: twice a step that
-/// comes late, the delay of an arm and its braking together.
-const APPROACH: f64 = 0.3;
+use crate::workspace::inside_workspace;
 
 struct Guarded<L>(L);
 
@@ -113,7 +110,12 @@ fn keep_limits(decision: &mut Decision, view: &View<'_>) {
         }
     }
     parts = Parts::of(&decision.twist.scaled(scale), &axis);
-    let part = inside_workspace(&parts.whole(&axis), view);
+    let part = inside_workspace(
+        &parts.whole(&axis),
+        &view.world_from_base,
+        &view.entry,
+        limits,
+    );
     if part < 1.0 {
         // A pivot about the entry moves a shifted base along the needle too. What stays of a
         // pivot that is taken away would draw the needle back for ever.
@@ -123,6 +125,16 @@ fn keep_limits(decision: &mut Decision, view: &View<'_>) {
         parts.insertion = (parts.insertion - along).clamp(-most, most);
         parts.across *= part;
         parts.tilt *= part;
+        // A tilted base goes sideways when it is pushed or drawn, too.
+        let rest = inside_workspace(
+            &parts.whole(&axis),
+            &view.world_from_base,
+            &view.entry,
+            limits,
+        );
+        parts.insertion *= rest;
+        parts.across *= rest;
+        parts.tilt *= rest;
         decision.report.limits.push(Limit::Workspace);
     }
     if view.dt > 0.0 && !view.roll_travel.allows(parts.spin * view.dt) {
@@ -135,30 +147,6 @@ fn keep_limits(decision: &mut Decision, view: &View<'_>) {
     decision.twist = parts.whole(&axis);
 }
 
-/// The part of tilt and lateral motion that lets the base come to rest at the workspace's bounds:
-/// the outward speed falls with the room that is left, so an arm that lags does not run over
-/// them, and many small steps do not creep over them.
-fn inside_workspace(twist: &Twist, view: &View<'_>) -> f64 {
-    let inward = view.entry.inward.into_inner();
-    let axis = view.base_axis();
-    let arm = view.world_from_base.translation.vector - view.entry.point.coords;
-    let across = arm - inward * inward.dot(&arm);
-    let tilt_room = view.limits.tilt_deg.to_radians() - axis.angle(&inward);
-    let offset_room = view.limits.base_offset_mm * 1e-3 - across.norm();
-    let outwards = [
-        (inward.cross(&axis), twist.angular, tilt_room),
-        (across, twist.linear, offset_room),
-    ];
-    outwards
-        .into_iter()
-        .filter_map(|(out, motion, room)| {
-            let speed = out.try_normalize(1e-9)?.dot(&motion);
-            let most = room.max(0.0) / APPROACH;
-            (speed > most).then(|| most / speed)
-        })
-        .fold(1.0, f64::min)
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::{Isometry3, Point3, Translation3};
@@ -168,15 +156,20 @@ mod tests {
     use crate::view::{Entry, RollTravel, Target, Tip};
     use crate::{Estimator, Start};
 
-    /// A base that is commanded outwards through an arm that follows 0.1 s late comes to rest at
-    /// the bound, is not held back before, and may move inwards.
-    #[test]
-    fn the_base_stops_at_the_workspaces_bounds() {
+    const DT: f64 = 1.0 / 30.0;
+
+    /// Poses of a base through an arm that follows 0.1 s late, and the fastest tilt that it was
+    /// sent, relative to the limit.
+    fn driven(
+        limits: &Limits,
+        start: Isometry3<f64>,
+        steps: u32,
+        command: impl Fn(u32, &View<'_>) -> Twist,
+    ) -> (Vec<Isometry3<f64>>, f64) {
         let entry = Entry {
             point: Point3::origin(),
             inward: Vector3::z_axis(),
         };
-        let start = Isometry3::translation(0.0, 0.0, -0.12);
         let estimator = Estimator::new(
             &EstimatorSettings::default(),
             &Start {
@@ -188,19 +181,13 @@ mod tests {
             },
         )
         .unwrap();
-        let limits = Limits {
-            tilt_deg: 5.0,
-            ..Limits::default()
-        };
-        let dt = 1.0 / 30.0;
         let mut base = start;
         let mut on_its_way = [Twist::zero(); 3];
-        let mut tilt = 0.0;
-        let (mut farthest, mut fastest) = (0.0_f64, 0.0_f64);
-        for step in 0..300 {
+        let (mut poses, mut fastest) = (Vec::new(), 0.0_f64);
+        for step in 0..steps {
             let view = View {
-                time: hal::Stamp::from_secs(f64::from(step) * dt),
-                dt,
+                time: hal::Stamp::from_secs(f64::from(step) * DT),
+                dt: DT,
                 tip: Tip {
                     world_from_tip: base * Translation3::new(0.0, 0.0, 0.126),
                     position_sigma: 1e-4,
@@ -220,29 +207,63 @@ mod tests {
                     positive: 1.0,
                     negative: 1.0,
                 },
-                limits: &limits,
+                limits,
                 insertion_speed: 1e-3,
             };
-            let speed = limits.tilt_speed_deg_s.to_radians();
             let mut decision = Decision::hold();
+            decision.twist = command(step, &view);
+            keep_limits(&mut decision, &view);
+            let speed = limits.tilt_speed_deg_s.to_radians();
+            fastest = fastest.max(decision.twist.angular.norm() / speed);
+            on_its_way.rotate_left(1);
+            let now = std::mem::replace(&mut on_its_way[2], decision.twist);
+            base = now.integrate(&base, DT);
+            poses.push(base);
+        }
+        (poses, fastest)
+    }
+
+    /// It comes to rest at the bound, is not held back before, and may move inwards.
+    #[test]
+    fn a_base_that_is_tilted_stops_at_the_bound() {
+        let limits = Limits {
+            tilt_deg: 5.0,
+            ..Limits::default()
+        };
+        let speed = limits.tilt_speed_deg_s.to_radians();
+        let start = Isometry3::translation(0.0, 0.0, -0.12);
+        let (poses, fastest) = driven(&limits, start, 300, |step, view| {
             // To and fro at the bound, more out than in.
             let sense = if step > 150 && step % 3 == 0 {
                 -0.5
             } else {
                 1.0
             };
-            decision.twist = view.pivot(&(Vector3::y() * speed * sense));
-            keep_limits(&mut decision, &view);
-            fastest = fastest.max(decision.twist.angular.norm() / speed);
-            on_its_way.rotate_left(1);
-            let now = std::mem::replace(&mut on_its_way[2], decision.twist);
-            base = now.integrate(&base, dt);
-            tilt = (base.rotation * Vector3::z()).angle(&Vector3::z());
-            farthest = farthest.max(tilt);
-        }
+            view.pivot(&(Vector3::y() * speed * sense))
+        });
+        let tilt = |base: &Isometry3<f64>| (base.rotation * Vector3::z()).angle(&Vector3::z());
         let bound = limits.tilt_deg.to_radians();
         assert!(fastest > 0.99, "{fastest}");
-        assert!(tilt > 0.9 * bound, "{} deg", tilt.to_degrees());
+        let last = tilt(poses.last().unwrap());
+        assert!(last > 0.9 * bound, "{} deg", last.to_degrees());
+        let farthest = poses.iter().map(tilt).fold(0.0, f64::max);
         assert!(farthest < bound + 1e-3, "{} deg", farthest.to_degrees());
+    }
+
+    /// Drawing a tilted needle back moves its base sideways.
+    #[test]
+    fn a_base_that_is_drawn_back_askew_stops_at_the_bound() {
+        let limits = Limits::default();
+        let turned = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -0.3);
+        let start = Isometry3::from_parts(Translation3::new(0.03, 0.0, -0.12), turned);
+        let (poses, _) = driven(&limits, start, 3000, |_, view| Twist {
+            linear: view.base_axis() * (-1e-3 * limits.insertion_speed_mm_s),
+            angular: Vector3::zeros(),
+        });
+        let across = |base: &Isometry3<f64>| base.translation.vector.xy().norm() * 1e3;
+        let farthest = poses.iter().map(across).fold(0.0, f64::max);
+        let bound = limits.base_offset_mm;
+        assert!(farthest > bound - 0.5, "{farthest} mm");
+        assert!(farthest < bound + 0.1, "{farthest} mm");
     }
 }

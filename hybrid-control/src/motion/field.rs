@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 
 use crate::settings::Limits;
 use crate::view::Entry;
+use crate::workspace::inside_workspace;
 
 /// Tissue displaced by `shift + shear * depth`, depth along the surface's inward normal at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,8 +112,20 @@ impl TissueField {
     }
 
     /// As [`Self::twist_from_rest`], the law's part slowed until the whole keeps the speeds of
-    /// `limits`; motion of the tissue that is too fast by itself is followed as fast as allowed.
+    /// `limits`; motion of the tissue that is too fast by itself is followed as fast as allowed,
+    /// and up to the workspace's bounds.
     pub fn twist_within(&self, at_rest: &Isometry3<f64>, twist: &Twist, limits: &Limits) -> Twist {
+        let whole = self.twist_in_speed(at_rest, twist, limits);
+        let entry = Entry {
+            point: self.entry,
+            inward: self.inward,
+        };
+        let base = self.pose_from_rest(at_rest);
+        whole.scaled(inside_workspace(&whole, &base, &entry, limits))
+    }
+
+    /// See [`Self::twist_within`]; without the workspace.
+    fn twist_in_speed(&self, at_rest: &Isometry3<f64>, twist: &Twist, limits: &Limits) -> Twist {
         let axis = self.direction_from_rest(&(at_rest.rotation * Vector3::z()));
         let follow = self.twist_from_rest(at_rest, &Twist::zero());
         let over = excess(&follow, &axis, limits);
@@ -242,6 +255,23 @@ mod tests {
             let whole = field.twist_within(&rest, &twist, &limits);
             let axis = field.pose_from_rest(&rest).rotation * Vector3::z();
             prop_assert!(excess(&whole, &axis, &limits) <= 1.0 + 1e-6);
+        }
+    }
+
+    /// A base at the bound is not carried out of it, and may be carried in.
+    #[test]
+    fn moving_tissue_does_not_carry_the_base_out_of_its_workspace() {
+        let limits = Limits::default();
+        let outermost = limits.base_offset_mm * 1e-3;
+        let rest = Isometry3::new(
+            Vector3::new(0.4 + outermost, 0.0, 0.33),
+            Vector3::new(core::f64::consts::PI, 0.0, 0.0),
+        );
+        for speed in [3e-3, -3e-3] {
+            let rate = [Vector3::x() * speed, Vector3::zeros()];
+            let field = TissueField::new(&entry(), [Vector3::zeros(); 2], rate);
+            let carried = field.twist_within(&rest, &Twist::zero(), &limits).linear.x;
+            assert!((carried - speed.min(0.0)).abs() < 1e-6, "{carried}");
         }
     }
 

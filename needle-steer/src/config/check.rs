@@ -260,6 +260,7 @@ impl Config {
     fn validate_ros(&self) -> Result<(), Invalid> {
         let ros = &self.ros;
         within("ros.period_ms", ros.period_ms, 1.0, 48.0)?;
+        within("ros.late_ms", ros.late_ms, 20.0, 1000.0)?;
         within("ros.joint_states_hz", ros.joint_states_hz, 1.0, 1000.0)?;
         within("ros.poses_hz", ros.poses_hz, 0.1, ros.joint_states_hz)?;
         within("ros.markers_hz", ros.markers_hz, 0.1, ros.joint_states_hz)?;

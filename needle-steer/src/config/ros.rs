@@ -36,6 +36,9 @@ pub struct Ros {
     pub clock: RosClock,
     /// Period of the velocities that the back end `ros` sends \[ms\].
     pub period_ms: f64,
+    /// Age at which the back end `ros` takes feedback and commands for late \[ms\]: a machine
+    /// without real-time scheduling, or a busy one, may need more.
+    pub late_ms: f64,
     /// Rate of `joint_states` \[Hz\].
     pub joint_states_hz: f64,
     /// Rate of `/tf`, `needle/tip` and `needle/state` \[Hz\].
@@ -54,6 +57,7 @@ impl Default for Ros {
             uri: String::new(),
             clock: RosClock::Wall,
             period_ms: 16.0,
+            late_ms: 100.0,
             joint_states_hz: 100.0,
             poses_hz: 50.0,
             markers_hz: 20.0,

@@ -177,12 +177,16 @@ impl Link {
         config: &Config,
         chain: &Chain,
     ) -> Result<RosDevices, RosArmError> {
-        let options = RosArmOptions::new(ArmDescription {
+        let mut options = RosArmOptions::new(ArmDescription {
             name: "ros".to_owned(),
             joint_names: chain.names().to_vec(),
             limits: chain.limits().to_vec(),
             period: Duration::from_secs_f64(config.ros.period_ms * 1e-3),
         });
+        let late = Duration::from_secs_f64(config.ros.late_ms * 1e-3);
+        options.timing.feedback = late;
+        options.timing.command_late = late;
+        options.timing.command_fault = 2 * late;
         let node = &self.node;
         if self.clock == RosClock::Simulated {
             let parts = Lockstep::open(node, &options)?;

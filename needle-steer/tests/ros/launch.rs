@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::master::{Master, Running, wait_until};
 use crate::picture::{Picture, Screen, shows_the_scene};
-use crate::{BINARY, call, nodes, phase};
+use crate::{BINARY, among_others, call, nodes, phase};
 
 /// A running `roslaunch`; interrupted on drop so that it ends its nodes.
 struct Launch(Running);
@@ -126,6 +126,7 @@ fn sim_launch_runs_the_default_insertion_to_its_target() {
     let Some(mut master) = Master::start() else {
         return;
     };
+    let _others = among_others();
     let screen = Screen::start(&master);
     let out = master.home().join("results");
     let results = format!("out:=--out {}", out.display());
@@ -190,6 +191,7 @@ fn viper_launch_inserts_with_the_emulated_controller() {
     let Some(master) = Master::start() else {
         return;
     };
+    let _others = among_others();
     let launch = Launch::start(
         &master,
         &["needle_steer", "viper.launch", "rviz:=false"],

@@ -16,10 +16,22 @@ mod picture;
 mod services;
 
 use std::process::{Child, Command, Stdio};
+use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use master::{Master, Running};
 
 const BINARY: &str = env!("CARGO_BIN_EXE_needle-steer");
+
+/// Held by tests that load the machine, so that one on the wall clock can have it alone.
+static MACHINE: RwLock<()> = RwLock::new(());
+
+fn alone() -> RwLockWriteGuard<'static, ()> {
+    MACHINE.write().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn among_others() -> RwLockReadGuard<'static, ()> {
+    MACHINE.read().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// The binary on a master.
 fn start(master: &Master, arguments: &[&str]) -> Running {

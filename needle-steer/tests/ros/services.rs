@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::master::{Master, wait_until};
-use crate::{call, nodes, phase, signal, start};
+use crate::{among_others, call, nodes, phase, signal, start};
 
 /// Positions of the joints [rad].
 fn joints(master: &Master) -> Vec<f64> {
@@ -55,6 +55,7 @@ fn services_and_hands_lead_through_a_run() {
     let Some(master) = Master::start() else {
         return;
     };
+    let _others = among_others();
     let out = master.home().join("services");
     let arguments = [
         "run",
