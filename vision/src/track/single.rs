@@ -299,7 +299,7 @@ impl ImageTracker {
         /// Tukey's constant, for 95 % efficiency on Gaussian noise.
         const TUKEY: f64 = 4.685;
         /// Change by another round that is none \[px\].
-        const SETTLED: f64 = 2e-3;
+        const SETTLED: f64 = 5e-4;
         if !filter.begin(BEND / look.width) {
             return None;
         }

@@ -167,7 +167,7 @@ impl Curve3 {
                 return false;
             }
             // Rays bend by so little on the way that what is left is its square over the distance.
-            if moved < 2e-5 {
+            if moved < 4e-6 {
                 break;
             }
         }
