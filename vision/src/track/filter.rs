@@ -235,15 +235,16 @@ impl CurveFilter {
     }
 
     /// Starts an update from independent measurements. The needle bends by no more than about
-    /// `curvature` \[1/px\], which is what keeps a short shaft straight.
-    pub(super) fn begin(&mut self, curvature: f64) -> bool {
+    /// `curvature` \[1/px\], which is what keeps a short shaft straight; of what that says, `share`
+    /// counts.
+    pub(super) fn begin(&mut self, curvature: f64, share: f64) -> bool {
         let Some(factor) = Factor::new(&self.covariance, self.states()) else {
             return false;
         };
         self.information = factor.inverse();
         self.pull = State::zeros();
         let spacing = self.curve().derivative(1.0).norm() / (self.count - 1) as f64;
-        let weight = 1.0 / (curvature * spacing * spacing).powi(2).max(1e-6);
+        let weight = share / (curvature * spacing * spacing).powi(2).max(1e-6);
         let bend = [1.0, -2.0, 1.0];
         for first in 0..self.count - 2 {
             for axis in 0..2 {

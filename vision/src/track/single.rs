@@ -30,6 +30,8 @@ const MISFIT: f64 = 0.14;
 /// Sharpest bend of a needle relative to its width: twice the elastic limit of steel needles,
 /// whose outer fibres strain by 0.35 %.
 const BEND: f64 = 0.014;
+/// Share of that knowledge which an image adds: the filter remembers it for about as many images.
+const BEND_AGAIN: f64 = 1.0 / 30.0;
 /// Images that are averaged to a background while no needle is in sight.
 const LEARNED: u32 = 16;
 
@@ -203,7 +205,7 @@ impl ImageTracker {
         };
         filter.predict(&Change { start, ..*change });
         let found = if self.background.fits(image) {
-            self.shaft(image, &mut filter, look)
+            self.shaft(image, &mut filter, look, BEND_AGAIN)
                 .and_then(|()| self.tip(image, &mut filter, look).map(drop))
         } else {
             Err(Flaw::Shaft)
@@ -218,12 +220,14 @@ impl ImageTracker {
         found
     }
 
-    /// Measures the shaft along its normals and updates the filter robustly.
+    /// Measures the shaft along its normals and updates the filter robustly; `straight` is the
+    /// share of what is known of its bending that is not known to the filter yet.
     fn shaft(
         &mut self,
         image: &GrayImage,
         filter: &mut CurveFilter,
         look: &Look,
+        straight: f64,
     ) -> Result<(), Flaw> {
         let curve = filter.curve();
         let search = self.settings.search_px * self.scale;
@@ -282,7 +286,7 @@ impl ImageTracker {
             return Err(Flaw::Shaft);
         }
         let contrast = contrast / self.offsets.len() as f64;
-        let solution = self.robust(filter, look).ok_or(Flaw::Shaft)?;
+        let solution = self.robust(filter, look, straight).ok_or(Flaw::Shaft)?;
         let survivors = self.shares.iter().filter(|share| **share > 0.2).count();
         if survivors < enough {
             return Err(Flaw::Shaft);
@@ -295,12 +299,12 @@ impl ImageTracker {
     }
 
     /// Tukey's weights, from a scale found in the residuals themselves.
-    fn robust(&mut self, filter: &mut CurveFilter, look: &Look) -> Option<Solution> {
+    fn robust(&mut self, filter: &mut CurveFilter, look: &Look, straight: f64) -> Option<Solution> {
         /// Tukey's constant, for 95 % efficiency on Gaussian noise.
         const TUKEY: f64 = 4.685;
         /// Change by another round that is none \[px\].
         const SETTLED: f64 = 5e-4;
-        if !filter.begin(BEND / look.width) {
+        if !filter.begin(BEND / look.width, straight) {
             return None;
         }
         self.shares.clear();

@@ -37,7 +37,7 @@ impl ImageTracker {
         let mut filter = CurveFilter::new(&curve, 3.0 * self.scale);
         self.bad = 1;
         self.jumped = None;
-        self.shaft(image, &mut filter, look)?;
+        self.shaft(image, &mut filter, look, 1.0)?;
         filter.free_tip(self.settings.search_px * self.scale);
         if !self.tip(image, &mut filter, look)? {
             // Where a bubble ends is not where the needle does.
@@ -91,7 +91,7 @@ impl ImageTracker {
         if self.offsets.len() < SURVIVORS.1 {
             return None;
         }
-        let solution = self.robust(&mut filter, look)?;
+        let solution = self.robust(&mut filter, look, 1.0)?;
         filter.accept(&solution);
         Some(filter.curve())
     }
