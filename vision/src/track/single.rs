@@ -32,6 +32,8 @@ const MISFIT: f64 = 0.14;
 const BEND: f64 = 0.014;
 /// Share of that knowledge which an image adds: the filter remembers it for about as many images.
 const BEND_AGAIN: f64 = 1.0 / 30.0;
+/// Shaft so short that it must be held straight in every image \[px\], in images 640 wide.
+const SHORT: f64 = 60.0;
 /// Images that are averaged to a background while no needle is in sight.
 const LEARNED: u32 = 16;
 
@@ -205,8 +207,14 @@ impl ImageTracker {
         };
         filter.predict(&Change { start, ..*change });
         let found = if self.background.fits(image) {
-            self.shaft(image, &mut filter, look, BEND_AGAIN)
-                .and_then(|()| self.tip(image, &mut filter, look).map(drop))
+            let short = SHORT * self.scale / filter.curve().length().max(1.0);
+            self.shaft(
+                image,
+                &mut filter,
+                look,
+                short.powi(4).clamp(BEND_AGAIN, 1.0),
+            )
+            .and_then(|()| self.tip(image, &mut filter, look).map(drop))
         } else {
             Err(Flaw::Shaft)
         };
