@@ -25,11 +25,13 @@ fn image(c: &mut Criterion) {
 
 fn pair(c: &mut Criterion) {
     let mut group = c.benchmark_group("track_pair_3d");
-    let mut film = Film::new(1280);
-    let mut tracker = film.stereo_tracker();
-    group.bench_function(BenchmarkId::from_parameter(1280), |b| {
-        b.iter(|| film.track(black_box(&mut tracker)));
-    });
+    for width in [640, 1280] {
+        let mut film = Film::new(width);
+        let mut tracker = film.stereo_tracker();
+        group.bench_function(BenchmarkId::from_parameter(width), |b| {
+            b.iter(|| film.track(black_box(&mut tracker)));
+        });
+    }
     group.finish();
 }
 
@@ -39,6 +41,9 @@ fn reinitialise(c: &mut Criterion) {
     let mut tracker = film.stereo_tracker();
     group.bench_function(BenchmarkId::from_parameter(1280), |b| {
         b.iter(|| film.find_again(black_box(&mut tracker)));
+    });
+    group.bench_function("1280, nothing known", |b| {
+        b.iter(|| film.find_afresh(black_box(&mut tracker)));
     });
     group.finish();
 }

@@ -141,7 +141,7 @@ impl Film {
         };
         let mut tracker = StereoTracker::new(&self.scene.rig, needle, &Self::settings()).unwrap();
         let first = tracker.track(&self.pairs[0], &Context::default()).unwrap();
-        assert_eq!(first.status, Tracking::Tracked);
+        assert_eq!(first.status, Tracking::Tracked, "{:?}", first.loss);
         tracker
     }
 
@@ -165,9 +165,19 @@ impl Film {
         assert_eq!(tracked.status, Tracking::Tracked, "{:?}", tracked.loss);
     }
 
-    /// The first pair again, everything forgotten: the needle is sought all over the images.
+    /// The first pair again after a loss: the needle is sought all over the images.
     pub fn find_again(&self, tracker: &mut StereoTracker) {
+        tracker.forget_needle();
+        self.find(tracker);
+    }
+
+    /// The same with everything forgotten, the background too.
+    pub fn find_afresh(&self, tracker: &mut StereoTracker) {
         tracker.reset();
+        self.find(tracker);
+    }
+
+    fn find(&self, tracker: &mut StereoTracker) {
         let tracked = tracker.track(&self.pairs[0], &Context::default()).unwrap();
         assert_eq!(tracked.status, Tracking::Tracked, "{:?}", tracked.loss);
     }
