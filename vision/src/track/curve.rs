@@ -31,33 +31,6 @@ const INVERSES: [Weights; MOST + 1] = {
     table
 };
 
-/// Products of `x - j` with their derivatives: of all `j` below each index, and of all from it on.
-struct Products {
-    below: [(f64, f64); MOST + 1],
-    from: [(f64, f64); MOST + 1],
-}
-
-impl Products {
-    #[inline]
-    fn new(n: usize, x: f64) -> Self {
-        let mut products = Self {
-            below: [(1.0, 0.0); MOST + 1],
-            from: [(1.0, 0.0); MOST + 1],
-        };
-        let times = |(value, slope): (f64, f64), j: usize| {
-            let factor = x - j as f64;
-            (value * factor, slope * factor + value)
-        };
-        for j in 0..n.min(MOST) {
-            products.below[j + 1] = times(products.below[j], j);
-        }
-        for j in (0..n.min(MOST)).rev() {
-            products.from[j] = times(products.from[j + 1], j);
-        }
-        products
-    }
-}
-
 /// Lagrange weights of `n` control points at equal parameters 0 to 1, at parameter `t`.
 pub(super) fn weights(n: usize, t: f64) -> Weights {
     weights_and_slopes(n, t).0
@@ -71,15 +44,33 @@ pub(super) fn slopes(n: usize, t: f64) -> Weights {
 /// [`weights`] and [`slopes`].
 #[inline]
 pub(super) fn weights_and_slopes(n: usize, t: f64) -> (Weights, Weights) {
-    let n = n.min(MOST);
-    let scale = (n - 1) as f64;
-    let products = Products::new(n, t * scale);
+    match n {
+        4 => lagrange::<4>(t),
+        5 => lagrange::<5>(t),
+        _ => lagrange::<MOST>(t),
+    }
+}
+
+/// Of `N` control points, a number that is known when this is compiled: it is called a lot.
+fn lagrange<const N: usize>(t: f64) -> (Weights, Weights) {
+    let scale = (N - 1) as f64;
+    let x = t * scale;
+    let times = |(value, slope): (f64, f64), j: usize| {
+        let factor = x - j as f64;
+        (value * factor, slope * factor + value)
+    };
+    // Products of `x - j` with their derivatives: of all `j` below each index, then of all above.
+    let mut below = [(1.0, 0.0); N];
+    for j in 1..N {
+        below[j] = times(below[j - 1], j - 1);
+    }
     let (mut weights, mut slopes) = ([0.0; MOST], [0.0; MOST]);
-    for i in 0..n {
-        let (below, below_slope) = products.below[i];
-        let (from, from_slope) = products.from[i + 1];
-        weights[i] = below * from * INVERSES[n][i];
-        slopes[i] = (below_slope * from + below * from_slope) * INVERSES[n][i] * scale;
+    let mut above = (1.0, 0.0);
+    for i in (0..N).rev() {
+        let (value, slope) = below[i];
+        weights[i] = value * above.0 * INVERSES[N][i];
+        slopes[i] = (slope * above.0 + value * above.1) * INVERSES[N][i] * scale;
+        above = times(above, i);
     }
     (weights, slopes)
 }

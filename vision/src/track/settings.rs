@@ -48,7 +48,7 @@ impl Default for TrackSettings {
     fn default() -> Self {
         Self {
             control_points: 4,
-            normals: 60,
+            normals: 48,
             search_px: 12.0,
             visible_px: 12.0,
             lost_after: 3,
