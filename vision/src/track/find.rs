@@ -14,7 +14,7 @@ use nalgebra::Vector2;
 use super::background::Background;
 
 /// Pixels between scanned lines, in images 640 wide.
-const EVERY: f64 = 4.0;
+const EVERY: f64 = 5.0;
 /// Lines that a chain may skip.
 const SKIP: usize = 4;
 /// Bands kept in a line.
