@@ -138,7 +138,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+        #![proptest_config(crate::seeded())]
         /// Any wanted curvature inside the disc comes out on average: the debt stays bounded by
         /// a few thresholds, and so does its mean over 60 mm.
         #[test]

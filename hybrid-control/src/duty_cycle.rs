@@ -178,6 +178,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::seeded())]
+
         /// A whole cycle inserts its length, turns 2 pi and takes out sigma, within both limits.
         #[test]
         fn a_cycle_keeps_its_promise(

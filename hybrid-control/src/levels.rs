@@ -146,6 +146,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::seeded())]
+
         /// A lower level never worsens a higher one, and never breaks a constraint.
         #[test]
         fn lower_levels_never_disturb_higher_ones(

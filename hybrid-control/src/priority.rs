@@ -182,6 +182,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::seeded())]
+
         #[test]
         fn pseudo_inverse_has_the_four_penrose_properties(tasks in any_tasks()) {
             let (a, x) = (tasks.j_v, pseudo_inverse(&tasks.j_v));

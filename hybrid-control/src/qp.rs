@@ -287,6 +287,12 @@ mod tests {
     };
     use proptest::prelude::*;
 
+    /// Duality gap, of objectives of order one, at which the library ends.
+    const LIBRARY: f64 = 1e-11;
+
+    /// Least curvature of the programs.
+    const CURVATURE: f64 = 0.05;
+
     type Program = (SMatrix<f64, 4, 4>, SVector<f64, 4>, Vec<Constraint<4>>);
 
     fn any_program() -> impl Strategy<Value = Program> {
@@ -295,7 +301,7 @@ mod tests {
             prop::collection::vec((prop::array::uniform4(-1.0_f64..1.0), -0.5_f64..0.3), 0..12);
         (numbers, rows).prop_map(|(x, rows)| {
             let a = SMatrix::<f64, 4, 4>::from_iterator(x[..16].iter().copied());
-            let h = a.transpose() * a + SMatrix::identity() * 0.05;
+            let h = a.transpose() * a + SMatrix::identity() * CURVATURE;
             let g = SVector::from_iterator(x[16..].iter().copied());
             let rows = rows
                 .into_iter()
@@ -333,9 +339,9 @@ mod tests {
         let cones = [NonnegativeConeT(b.len())];
         let settings = DefaultSettings {
             verbose: false,
-            tol_gap_abs: 1e-9,
-            tol_gap_rel: 1e-9,
-            tol_feas: 1e-9,
+            tol_gap_abs: LIBRARY,
+            tol_gap_rel: LIBRARY,
+            tol_feas: LIBRARY,
             ..Default::default()
         };
         let mut solver = DefaultSolver::new(&p, g.as_slice(), &a, &b, &cones, settings).unwrap();
@@ -347,12 +353,20 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::seeded())]
+
         #[test]
         fn agrees_with_an_interior_point_library(program in any_program()) {
             let ours = solve(&program.0, &program.1, &program.2);
             match oracle(&program) {
-                // 1e-5: the library's own tolerance on x for objectives of order one.
-                (SolverStatus::Solved, x) => prop_assert!((ours.unwrap().x - x).norm() < 1e-5),
+                (SolverStatus::Solved, x) => {
+                    // A gap in the objective allows its square root in the unknowns.
+                    let ours = ours.unwrap().x;
+                    let cost = ours.dot(&(program.0 * ours)) / 2.0 + program.1.dot(&ours);
+                    let allowed = (2.0 * LIBRARY * cost.abs().max(1.0) / CURVATURE).sqrt();
+                    let off = (ours - x).norm();
+                    prop_assert!(off < allowed, "{off} of {allowed}");
+                }
                 (SolverStatus::PrimalInfeasible, _) => {
                     let told = matches!(ours, Err(QpError::Infeasible { .. }));
                     prop_assert!(told, "{ours:?}");
@@ -373,7 +387,9 @@ mod tests {
                     prop_assert!((gap * s.multipliers[i]).abs() < 1e-7 * (1.0 + s.multipliers[i]));
                     stationarity -= row.normal * s.multipliers[i];
                 }
-                prop_assert!(stationarity.norm() < 1e-7);
+                // Rounding of the sum: multipliers are large where rows nearly contradict.
+                let sum: f64 = s.multipliers.iter().sum();
+                prop_assert!(stationarity.norm() < 1e-12 * (1.0 + sum));
             }
         }
     }

@@ -83,6 +83,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::seeded())]
+
         /// Turning the tip by the sliding mode's sense reduces |sigma|.
         #[test]
         fn sliding_mode_reduces_the_bevel_error(angle in -3.1_f64..3.1, step in 1e-3_f64..0.02) {

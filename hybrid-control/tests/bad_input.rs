@@ -27,7 +27,7 @@ fn start() -> (Start, Entry) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(1), failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
     fn twists_stay_within_the_limits(
         law in 0..LAW_NAMES.len(), x in prop::collection::vec(-1.0_f64..1.0, 64),

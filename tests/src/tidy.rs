@@ -1,4 +1,4 @@
-//! Counts the exceptions that the code base allows itself.
+//! Holds the code to rules that no compiler checks.
 
 use std::path::PathBuf;
 
@@ -6,10 +6,18 @@ use crate::arrows::MEMBERS;
 use crate::equations::rust_files;
 
 fn sources() -> Vec<(PathBuf, String)> {
+    files_under(&["src"])
+}
+
+fn files_under(folders: &[&str]) -> Vec<(PathBuf, String)> {
     let root = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     let mut files = Vec::new();
     for member in MEMBERS.iter().filter(|member| **member != "tests") {
-        rust_files(&root.join(member).join("src"), &mut files);
+        for folder in folders.iter().map(|f| root.join(member).join(f)) {
+            if folder.is_dir() {
+                rust_files(&folder, &mut files);
+            }
+        }
     }
     files
         .into_iter()
@@ -60,4 +68,18 @@ fn nothing_is_left_to_do_in_the_code() {
             assert!(!text.contains(word), "{}: {word}", file.display());
         }
     }
+}
+
+#[test]
+fn property_tests_draw_the_same_cases_in_every_run() {
+    let mut blocks = 0;
+    for (file, text) in files_under(&["src", "tests"]) {
+        for block in text.split("proptest! {").skip(1) {
+            blocks += 1;
+            let config = block.trim_start().lines().next().unwrap_or_default();
+            let seeded = config.contains("rng_seed") || config.contains("seeded()");
+            assert!(seeded, "{}: a block without a seed", file.display());
+        }
+    }
+    assert!(blocks > 10, "only {blocks} blocks found");
 }
