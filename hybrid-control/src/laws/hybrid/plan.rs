@@ -22,8 +22,9 @@ const EXCESS: usize = 6;
 /// Sides of the polygons that stand for discs.
 const SIDES: usize = 8;
 
-/// Standard deviations of the prediction by which a shortfall must exceed it.
-const DOUBT: f64 = 2.0;
+/// Standard deviations of the prediction by which a shortfall must exceed it: every plan of an
+/// insertion is judged, and their errors last for centimetres.
+const DOUBT: f64 = 3.0;
 
 /// Length that counts as one in the levels \[m\].
 const MILLIMETRE: f64 = 1e-3;
