@@ -1,5 +1,7 @@
 //! Bevel orientation and duty cycling, as the paper's laws and `tip-only` share them.
 
+use core::f64::consts::TAU;
+
 use hal::telemetry::{LawReport, SteeringMode};
 use nalgebra::{Rotation3, Vector3};
 
@@ -157,16 +159,59 @@ impl BevelSteering {
 
     /// Eq. (15), the long way round where the travel does not allow the short one.
     fn turn(&mut self, sigma: f64, omega_max: f64, travel: &RollTravel) -> f64 {
-        let wish = -wrap(sigma);
-        if wish.abs() < 0.1 {
+        let short = -wrap(sigma);
+        let long = short - short.signum() * TAU;
+        let arrived = short.abs() < 0.1;
+        // The wanted direction moves meanwhile: a detour may come to its end before it arrives.
+        let blocked = |sense: f64| {
+            let way = if short.signum() == sense { short } else { long };
+            !travel.allows(way)
+        };
+        if arrived || self.detour.is_some_and(blocked) {
             self.detour = None;
         }
-        if self.detour.is_none() && !travel.allows(wish) {
-            self.detour = Some(-wish.signum());
+        if self.detour.is_none() && !travel.allows(short) && travel.allows(long) {
+            self.detour = Some(long.signum());
         }
         match self.detour {
             Some(sense) => sense * omega_max,
             None => sliding_mode(wrap(sigma), omega_max),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f64::consts::PI;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(crate::seeded())]
+
+        /// Wherever the last joint is and however the wanted direction moved before, the bevel
+        /// arrives in the time of a turn and a half, and the joint stays in its range.
+        #[test]
+        fn the_bevel_arrives_within_the_travel(
+            start in -TAU..TAU, moves in prop::collection::vec((-PI..PI, 1_usize..60), 1..12),
+        ) {
+            let mut steering = BevelSteering::new(&PaperSettings::default());
+            let (omega, dt) = (TAU, 1.0 / 60.0);
+            let (mut joint, mut wanted) = (start, 0.0);
+            let mut step = |wanted: f64| {
+                let travel = RollTravel { positive: TAU - joint, negative: TAU + joint };
+                let spin = steering.turn(wrap(joint - wanted), omega, &travel);
+                joint = (joint + spin * dt).clamp(-TAU, TAU);
+                wrap(joint - wanted).abs()
+            };
+            for (change, steps) in moves {
+                wanted += change;
+                for _ in 0..steps {
+                    step(wanted);
+                }
+            }
+            let least = (0..90).map(|_| step(wanted)).fold(PI, f64::min);
+            prop_assert!(least < 0.1, "{least}");
         }
     }
 }
