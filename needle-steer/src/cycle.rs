@@ -5,14 +5,14 @@
 
 use hal::frame::LeftCamera;
 use hal::telemetry::{Phase, SteeringMode, Telemetry, Tracking};
-use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, StereoFrame, Transform, Twist};
-use hybrid_control::view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
+use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, StereoFrame, Transform};
+use hybrid_control::view::{Decision, Entry, Law, Springs, Target, Tip, View};
 use hybrid_control::{
     Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, TissueField,
     lateral_error, law_by_name, target_ahead,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
-use robots::kinematics::{RateSettings, TurnBudget};
+use robots::kinematics::{RateSettings, TwistRates};
 use serde::{Deserialize, Serialize};
 use vision::track::TrackSettingsError;
 
@@ -20,6 +20,7 @@ pub use crate::bearings::{Bearings, base_pose};
 use crate::bearings::{entry_point, first_telemetry};
 use crate::config::Config;
 use crate::odometry::Odometry;
+use crate::roll::{joint_rates, roll_travel};
 use crate::sight::Sight;
 use crate::springs::{self, SpringsError, SpringsModel};
 use crate::tissue::{Tissue, narrow};
@@ -27,8 +28,6 @@ use crate::withdrawal::Withdrawal;
 
 /// Poses kept: more than a second at any arm's rate.
 const ODOMETRY: usize = 256;
-/// Travel of the last joint that no law may use \[rad\].
-const TURN_MARGIN: f64 = 0.02;
 /// Depth up to which a path is laid anew when its tissue turns out to breathe \[m\].
 const SHORT_PATH: f64 = 0.015;
 
@@ -200,7 +199,7 @@ impl Cycle {
         let decision = self.decide(snapshot, &base, &tip, springs.as_ref(), target);
         let decision = self.follow_tissue(&base, decision);
         self.show();
-        let rates = self.joint_rates(snapshot.arm, &decision.twist);
+        let rates = joint_rates(&self.bearings, snapshot.arm, &decision.twist, &self.rates);
         self.report(snapshot, &base, &tip, target, measured, decision, rates);
         &self.telemetry
     }
@@ -371,7 +370,7 @@ impl Cycle {
             world_from_base: *base,
             springs: springs.copied(),
             estimator: &self.estimator,
-            roll_travel: self.roll_travel(snapshot.arm),
+            roll_travel: roll_travel(&self.bearings, snapshot.arm),
             limits: &self.limits_at_rest,
             insertion_speed: self.tissue.speed(
                 snapshot.now,
@@ -413,33 +412,6 @@ impl Cycle {
         self.withdrawn = false;
     }
 
-    /// Travel of the last joint, in the senses of the needle's z.
-    fn roll_travel(&self, arm: &ArmState) -> RollTravel {
-        let (Some(q), Some(limit)) = (arm.positions.last(), self.bearings.chain.limits().last())
-        else {
-            return RollTravel {
-                positive: 0.0,
-                negative: 0.0,
-            };
-        };
-        let left = TurnBudget::new(limit, TURN_MARGIN).remaining(*q);
-        RollTravel {
-            positive: left.positive,
-            negative: left.negative,
-        }
-    }
-
-    fn joint_rates(&self, arm: &ArmState, twist: &Twist) -> robots::kinematics::TwistRates {
-        let arm_base_from_world = self.bearings.world_from_arm_base.inverse();
-        let in_arm_base = Twist {
-            linear: arm_base_from_world.rotate(&twist.linear),
-            angular: arm_base_from_world.rotate(&twist.angular),
-        };
-        self.bearings
-            .chain
-            .rates(&arm.positions, &in_arm_base, &self.rates)
-    }
-
     #[expect(clippy::too_many_arguments, reason = "one for each stage of the step")]
     fn report(
         &mut self,
@@ -449,7 +421,7 @@ impl Cycle {
         target: Target,
         measured: Option<SensedTip>,
         decision: Decision,
-        rates: robots::kinematics::TwistRates,
+        rates: TwistRates,
     ) {
         let t = &mut self.telemetry;
         t.step += 1;

@@ -13,6 +13,7 @@ pub mod cycle;
 mod tissue;
 pub mod sight;
 pub mod bearings;
+mod roll;
 pub mod springs;
 pub mod odometry;
 pub mod withdrawal;

@@ -1,0 +1,107 @@
+//! The last joint, which turns the needle: what it has left, and what gives way at its end.
+
+use hal::telemetry::Limit;
+use hal::{ArmState, Twist};
+use hybrid_control::view::RollTravel;
+use nalgebra::Vector3;
+use robots::kinematics::{RateSettings, TurnBudget, TwistRates};
+
+use crate::bearings::{Bearings, base_pose};
+
+/// Travel that nothing may use \[rad\].
+const MARGIN: f64 = 0.02;
+/// Time constant with which the joint approaches its end \[s\].
+const APPROACH: f64 = 0.05;
+
+/// Travel of the last joint, in the senses of the needle's z.
+pub(crate) fn roll_travel(bearings: &Bearings, arm: &ArmState) -> RollTravel {
+    let (Some(q), Some(limit)) = (arm.positions.last(), bearings.chain.limits().last()) else {
+        return RollTravel {
+            positive: 0.0,
+            negative: 0.0,
+        };
+    };
+    let left = TurnBudget::new(limit, MARGIN).remaining(*q);
+    RollTravel {
+        positive: left.positive,
+        negative: left.negative,
+    }
+}
+
+/// Joint rates for a twist of the needle's base (World).
+///
+/// Tilting a base turns the last joint too. What that joint cannot turn any more is taken from
+/// the spin, or the arm would refuse the whole motion: the bevel gives way, and its law turns
+/// it back the other way round.
+pub(crate) fn joint_rates(
+    bearings: &Bearings,
+    arm: &ArmState,
+    twist: &Twist,
+    settings: &RateSettings,
+) -> TwistRates {
+    let arm_base_from_world = bearings.world_from_arm_base.inverse();
+    let rates = |twist: &Twist| {
+        let in_arm_base = Twist {
+            linear: arm_base_from_world.rotate(&twist.linear),
+            angular: arm_base_from_world.rotate(&twist.angular),
+        };
+        bearings.chain.rates(&arm.positions, &in_arm_base, settings)
+    };
+    let wanted = rates(twist);
+    let rate = wanted.rates.last().copied().unwrap_or_default();
+    let left = roll_travel(bearings, arm);
+    let room = if rate > 0.0 {
+        left.positive
+    } else {
+        left.negative
+    };
+    let excess = rate.abs() - room / APPROACH;
+    if excess <= 0.0 {
+        return wanted;
+    }
+    let axis = base_pose(bearings, arm).rotation * Vector3::z();
+    let mut given_way = rates(&Twist {
+        linear: twist.linear,
+        angular: twist.angular - axis * (excess * rate.signum()),
+    });
+    given_way.limits.push(Limit::RemainingTurns);
+    given_way
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config;
+    use crate::rig::Rig;
+    use hal::Arm;
+
+    #[test]
+    fn a_joint_at_its_end_gives_up_spin_and_nothing_else() {
+        let mut rig = Rig::new(&config::load(None, &[]).unwrap()).unwrap();
+        let mut arm = rig.arm.state().unwrap();
+        let (bearings, settings) = (rig.bearings, RateSettings::default());
+        let limit = *bearings.chain.limits().last().unwrap();
+        let mut refused = 0;
+        for k in 0..64 {
+            let (end, azimuth) = (f64::from(k % 2), f64::from(k) * 0.1);
+            let q = limit.lower + MARGIN + end * (limit.upper - limit.lower - 2.0 * MARGIN);
+            *arm.positions.last_mut().unwrap() = q;
+            let axis = base_pose(&bearings, &arm).rotation * Vector3::z();
+            let tilt = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0).cross(&axis) * 0.05;
+            let twist = Twist {
+                linear: axis * 1e-3,
+                angular: tilt,
+            };
+            let got = joint_rates(&bearings, &arm, &twist, &settings);
+            let last = *got.rates.last().unwrap();
+            let outwards = if end > 0.0 { last } else { -last };
+            assert!(outwards < 1e-9, "joint 6 goes out by {outwards} rad/s");
+            refused += usize::from(got.limits.contains(&Limit::RemainingTurns));
+            let realised = bearings.world_from_arm_base.rotate(&got.realised.linear);
+            assert!((realised - twist.linear).norm() < 1e-9);
+            let turn = bearings.world_from_arm_base.rotate(&got.realised.angular);
+            assert!((turn - tilt).cross(&axis).norm() < 1e-9);
+        }
+        assert!((8..56).contains(&refused), "{refused} of 64");
+    }
+}
