@@ -164,7 +164,7 @@ impl BevelSteering {
         let arrived = short.abs() < 0.1;
         // The wanted direction moves meanwhile: a detour may come to its end before it arrives.
         let blocked = |sense: f64| {
-            let way = if short.signum() == sense { short } else { long };
+            let way = if short * sense > 0.0 { short } else { long };
             !travel.allows(way)
         };
         if arrived || self.detour.is_some_and(blocked) {
