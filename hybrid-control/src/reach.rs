@@ -21,15 +21,20 @@ pub fn lateral_error(world_from_tip: &Isometry3<f64>, target: &Point3<f64>) -> f
         .norm()
 }
 
-/// Tells a target that has been out of reach for more than a second.
+/// Tells a target that stays out of reach.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReachMonitor {
     tolerance: f64,
-    since: Option<Stamp>,
+    /// When the target was first out of reach, and how far ahead it was then \[m\].
+    since: Option<(Stamp, f64)>,
 }
 
 /// How long a shortfall must last \[s\].
 const PATIENCE: f64 = 1.0;
+
+/// Insertion over which it must last too, where as much is left \[m\]: errors of a prediction
+/// change with the needle's path, not with time.
+const WAY: f64 = 20e-3;
 
 impl ReachMonitor {
     /// `tolerance`: shortfall that is accepted \[m\].
@@ -40,15 +45,16 @@ impl ReachMonitor {
         }
     }
 
-    /// The shortfall \[m\], once it has lasted.
-    pub fn update(&mut self, now: Stamp, report: &LawReport) -> Option<f64> {
+    /// The shortfall \[m\] of a target that is `ahead` \[m\] of the tip, once it has lasted.
+    pub fn update(&mut self, now: Stamp, ahead: f64, report: &LawReport) -> Option<f64> {
         // NaN: unknown, which is no shortfall.
         if report.shortfall.is_nan() || report.shortfall <= self.tolerance {
             self.since = None;
             return None;
         }
-        let since = *self.since.get_or_insert(now);
-        (now.secs_since(since) > PATIENCE).then_some(report.shortfall)
+        let (since, from) = *self.since.get_or_insert((now, ahead));
+        let lasted = now.secs_since(since) > PATIENCE && (ahead < WAY || from - ahead > WAY);
+        lasted.then_some(report.shortfall)
     }
 }
 
@@ -235,16 +241,21 @@ mod tests {
             shortfall,
             ..LawReport::default()
         };
-        assert_eq!(monitor.update(Stamp::from_secs(0.0), &report(1e-3)), None);
-        assert_eq!(monitor.update(Stamp::from_secs(0.9), &report(1e-3)), None);
-        assert_eq!(
-            monitor.update(Stamp::from_secs(0.95), &report(f64::NAN)),
-            None
-        );
-        assert_eq!(monitor.update(Stamp::from_secs(1.5), &report(2e-3)), None);
-        assert_eq!(
-            monitor.update(Stamp::from_secs(2.6), &report(2e-3)),
-            Some(2e-3)
-        );
+        let mut at = |seconds, ahead_mm: f64, shortfall| {
+            monitor.update(
+                Stamp::from_secs(seconds),
+                ahead_mm * 1e-3,
+                &report(shortfall),
+            )
+        };
+        assert_eq!(at(0.0, 50.0, 1e-3), None);
+        assert_eq!(at(0.9, 48.0, 1e-3), None);
+        assert_eq!(at(0.95, 47.9, f64::NAN), None);
+        assert_eq!(at(1.5, 46.0, 2e-3), None);
+        assert_eq!(at(2.6, 43.0, 2e-3), None, "it may yet be wrong");
+        assert_eq!(at(9.0, 25.9, 2e-3), Some(2e-3));
+        assert_eq!(at(9.5, 25.0, 0.1e-3), None);
+        assert_eq!(at(20.0, 4.0, 3e-3), None);
+        assert_eq!(at(21.1, 3.9, 3e-3), Some(3e-3), "nothing more is to come");
     }
 }

@@ -461,7 +461,8 @@ impl<'a> Insertion<'a> {
         if telemetry.axial_distance <= 0.0 {
             return Some(Ended::TargetPassed);
         }
-        if let Some(shortfall) = self.reach.update(now, &telemetry.law) {
+        let ahead = telemetry.axial_distance;
+        if let Some(shortfall) = self.reach.update(now, ahead, &telemetry.law) {
             return Some(Ended::Unreachable(shortfall));
         }
         self.progress
