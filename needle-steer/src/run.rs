@@ -181,7 +181,7 @@ impl<'a> Insertion<'a> {
             supervisor: Supervisor::new(Bounds::of(config), rig.clock.now()),
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
-            progress: Progress::default(),
+            progress: Progress::new(config.run.insertion_speed_mm_s * 1e-3),
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
