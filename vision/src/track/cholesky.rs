@@ -21,21 +21,24 @@ impl<const N: usize> Factor<N> {
         let mut rows = [[0.0; N]; N];
         let mut inverses = [0.0; N];
         for i in 0..active {
-            for j in 0..=i {
-                let (above, row) = (rows[j], rows[i]);
+            let (above, rest) = rows.split_at_mut(i);
+            let row = &mut rest[0];
+            for (j, other) in above.iter().enumerate() {
                 let mut value = matrix[(i, j)];
-                for k in 0..j {
-                    value -= row[k] * above[k];
+                for (a, b) in row.iter().zip(other).take(j) {
+                    value -= a * b;
                 }
-                if i > j {
-                    rows[i][j] = value * inverses[j];
-                } else if value > 0.0 && value.is_finite() {
-                    rows[i][i] = value.sqrt();
-                    inverses[i] = 1.0 / rows[i][i];
-                } else {
-                    return None;
-                }
+                row[j] = value * inverses[j];
             }
+            let mut value = matrix[(i, i)];
+            for a in row.iter().take(i) {
+                value -= a * a;
+            }
+            if value <= 0.0 || !value.is_finite() {
+                return None;
+            }
+            row[i] = value.sqrt();
+            inverses[i] = 1.0 / row[i];
         }
         Some(Self {
             rows,

@@ -269,27 +269,15 @@ impl CurveFilter {
         // Of the symmetric sum the lower half is filled, which is what is factored.
         // A row is a place's weights times a direction: so there is a sum for each pair of weights
         // and each pair of axes.
-        let pairs = self.count * (self.count + 1) / 2;
         let mut sums = [[0.0; PAIRS]; 3];
         let mut pulls = [[0.0; MOST]; 2];
-        for (offset, share) in offsets.iter().zip(shares) {
-            if *share <= 0.0 {
-                continue;
-            }
-            let weight = share / (offset.variance * scale * scale);
-            let (x, y) = (offset.direction.x, offset.direction.y);
-            let axes = [weight * x * x, weight * x * y, weight * y * y];
-            for (sums, axis) in sums.iter_mut().zip(axes) {
-                for (sum, product) in sums.iter_mut().zip(&offset.products).take(pairs) {
-                    *sum += axis * product;
-                }
-            }
-            let drawn = [weight * offset.value * x, weight * offset.value * y];
-            for (pulls, drawn) in pulls.iter_mut().zip(drawn) {
-                for (pull, wi) in pulls.iter_mut().zip(offset.weights) {
-                    *pull += drawn * wi;
-                }
-            }
+        let terms = offsets.iter().zip(shares);
+        let terms = terms.filter(|(_, share)| **share > 0.0);
+        let terms = terms.map(|(o, share)| (o, share / (o.variance * scale * scale)));
+        match self.count {
+            4 => accumulate::<4, 10>(terms, &mut sums, &mut pulls),
+            5 => accumulate::<5, 15>(terms, &mut sums, &mut pulls),
+            _ => accumulate::<MOST, PAIRS>(terms, &mut sums, &mut pulls),
         }
         let mut pair = 0;
         for i in 0..self.count {
@@ -344,5 +332,37 @@ impl CurveFilter {
                 .copy_from(&(tangent * share * sigma));
         }
         self.covariance += outward * outward.transpose();
+    }
+}
+
+/// Adds weighted measurements up: `P` products of `N` weights by pairs of axes, and what draws at
+/// the control points by axes. Both numbers are known when this is compiled: it is called a lot.
+fn accumulate<'a, const N: usize, const P: usize>(
+    terms: impl Iterator<Item = (&'a Offset, f64)>,
+    sums: &mut [[f64; PAIRS]; 3],
+    pulls: &mut [[f64; MOST]; 2],
+) {
+    let mut squares = [[0.0; P]; 3];
+    let mut drawn = [[0.0; N]; 2];
+    for (offset, weight) in terms {
+        let (x, y) = (offset.direction.x, offset.direction.y);
+        let axes = [weight * x * x, weight * x * y, weight * y * y];
+        for (sums, axis) in squares.iter_mut().zip(axes) {
+            for (sum, product) in sums.iter_mut().zip(&offset.products) {
+                *sum += axis * product;
+            }
+        }
+        let pulled = [weight * offset.value * x, weight * offset.value * y];
+        for (sums, pulled) in drawn.iter_mut().zip(pulled) {
+            for (sum, wi) in sums.iter_mut().zip(&offset.weights) {
+                *sum += pulled * wi;
+            }
+        }
+    }
+    for (to, from) in sums.iter_mut().zip(squares) {
+        to[..P].copy_from_slice(&from);
+    }
+    for (to, from) in pulls.iter_mut().zip(drawn) {
+        to[..N].copy_from_slice(&from);
     }
 }

@@ -43,29 +43,17 @@ pub(super) struct Expected {
     pub noise: f64,
 }
 
-/// Relative darkness along a line, its own ends being the background.
-struct Profile {
-    darkness: [f32; 2 * REACH + 1],
-    count: usize,
-    /// Scatter of the samples that show the background.
-    scatter: f32,
-}
-
+/// Relative darkness along the line from `start`, its own ends being the background; answers the
+/// scatter of the samples that show it.
 fn profile(
     image: &GrayImage,
     background: &Background,
-    origin: Vector2<f64>,
+    start: Vector2<f64>,
     direction: Vector2<f64>,
-    reach: usize,
-) -> Option<Profile> {
-    let count = 2 * reach + 1;
-    let mut profile = Profile {
-        darkness: [0.0; 2 * REACH + 1],
-        count,
-        scatter: 0.0,
-    };
-    let samples = profile.darkness.get_mut(..count)?;
-    background.line(image, origin - direction * reach as f64, direction, samples)?;
+    samples: &mut [f32],
+) -> Option<f32> {
+    let count = samples.len();
+    background.line(image, start, direction, samples)?;
     let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
     let (first, last) = (mean(&samples[..ENDS]), mean(&samples[count - ENDS..]));
     // The ends' own middles are ENDS - 1 samples inside the line.
@@ -79,8 +67,7 @@ fn profile(
         }
     }
     // Two of the six are used up by the line through the ends.
-    profile.scatter = (squares / (2 * ENDS - 2) as f32).sqrt();
-    Some(profile)
+    Some((squares / (2 * ENDS - 2) as f32).sqrt())
 }
 
 /// Samples on either side of a line's middle.
@@ -98,9 +85,11 @@ pub(super) fn cross(
 ) -> Option<Section> {
     let half = 0.5 * expected.width;
     let reach = samples(expected);
-    let profile = profile(image, background, origin, direction, reach)?;
-    let darkness = profile.darkness.get(..profile.count)?;
-    let middle = peak(darkness, expected.width.round().max(1.0) as usize, reach)?;
+    let mut darkness = [0.0; 2 * REACH + 1];
+    let darkness = darkness.get_mut(..=2 * reach)?;
+    let start = origin - direction * reach as f64;
+    let scatter = profile(image, background, start, direction, darkness)?;
+    let middle = peak(darkness, (expected.width + 0.5).max(1.0) as usize, reach)?;
     let inner = (0.3 * expected.width).max(0.5);
     let top = highest(darkness, middle, half);
     let enough = FAINT
@@ -110,8 +99,8 @@ pub(super) fn cross(
         return None;
     }
     let level = 0.5 * top;
-    let right = crossing(darkness, middle + inner, 1.0, level)?;
-    let left = crossing(darkness, middle - inner, -1.0, level)?;
+    let right = crossing(darkness, middle + inner, 1, level)?;
+    let left = crossing(darkness, middle - inner, -1, level)?;
     let width = right.at - left.at;
     if (width - expected.width).abs() > 0.35 * expected.width + 0.6 {
         return None;
@@ -120,14 +109,14 @@ pub(super) fn cross(
     if steepness < 1e-3 {
         return None;
     }
-    let noise = f64::from(profile.scatter)
+    let noise = f64::from(scatter)
         .min(3.0 * expected.noise)
         .max(expected.noise);
     Some(Section {
         offset: 0.5 * (left.at + right.at) - reach as f64,
         sigma: noise / steepness * core::f64::consts::FRAC_1_SQRT_2,
         contrast: f64::from(top),
-        noise: f64::from(profile.scatter),
+        noise: f64::from(scatter),
     })
 }
 
@@ -156,7 +145,7 @@ fn peak(darkness: &[f32], width: usize, reach: usize) -> Option<f64> {
 
 /// Darkest sample within `half` of `middle`.
 fn highest(darkness: &[f32], middle: f64, half: f64) -> f32 {
-    let from = (middle - half).max(0.0).floor() as usize;
+    let from = (middle - half).max(0.0) as usize;
     let to = ((middle + half).ceil() as usize + 1).min(darkness.len());
     darkness
         .get(from..to)
@@ -172,14 +161,15 @@ struct Crossing {
 }
 
 /// Where the darkness falls below `level`, going from `start` in the sense of `step`.
-fn crossing(darkness: &[f32], start: f64, step: f64, level: f32) -> Option<Crossing> {
-    let mut k = start.round();
+fn crossing(darkness: &[f32], start: f64, step: isize, level: f32) -> Option<Crossing> {
+    let nearest = start + 0.5;
+    if nearest < 0.0 {
+        return None;
+    }
+    let mut k = nearest as usize;
     loop {
-        let next = k + step;
-        if k < 0.0 || next < 0.0 {
-            return None;
-        }
-        let (here, there) = (*darkness.get(k as usize)?, *darkness.get(next as usize)?);
+        let next = k.checked_add_signed(step)?;
+        let (here, there) = (*darkness.get(k)?, *darkness.get(next)?);
         if there < level {
             if here < level {
                 // Began outside the dark part: no needle of this width here.
@@ -187,7 +177,7 @@ fn crossing(darkness: &[f32], start: f64, step: f64, level: f32) -> Option<Cross
             }
             let slope = here - there;
             return Some(Crossing {
-                at: k + step * f64::from((here - level) / slope),
+                at: k as f64 + step as f64 * f64::from((here - level) / slope),
                 slope,
             });
         }

@@ -112,17 +112,23 @@ impl Falloff {
         }
     }
 
+    /// Where ahead of O it falls \[px\]: it is 1 before, 0 afterwards.
+    pub(super) fn span(&self) -> [f64; 2] {
+        [self.start, self.start + (ENTRIES - 1) as f64 * self.step]
+    }
+
     /// Value and slope \[1/px\] at `u` ahead of O.
     pub(super) fn at(&self, u: f64) -> (f64, f64) {
         let x = (u - self.start) / self.step;
         if x < 0.0 {
             return (1.0, 0.0);
         }
-        let k = x as usize;
-        let (Some(a), Some(b)) = (self.values.get(k), self.values.get(k + 1)) else {
+        let k = x as u32;
+        let here = k as usize;
+        let (Some(a), Some(b)) = (self.values.get(here), self.values.get(here + 1)) else {
             return (0.0, 0.0);
         };
-        (a + (b - a) * (x - k as f64), (b - a) / self.step)
+        (a + (b - a) * (x - f64::from(k)), (b - a) / self.step)
     }
 }
 

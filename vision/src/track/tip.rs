@@ -172,14 +172,25 @@ fn fit(run: &Run, search: &TipSearch, side: f64) -> Option<TipFix> {
     };
     let falloff = Falloff::new(&view, search.blur);
     let masses = run.masses.get(..run.count)?;
+    let yy: f64 = masses.iter().map(|y| y * y).sum();
+    // Sums of the stations before each: behind the fall-off the silhouette is 1.
+    let mut before = [0.0; STATIONS + 1];
+    for (k, y) in masses.iter().enumerate() {
+        before[k + 1] = before[k] + y;
+    }
+    let falling = |shift: f64| {
+        let [from, to] = falloff.span().map(|u| u + shift - run.start);
+        let to = (to.max(0.0) as usize + 2).min(run.count);
+        (from as usize).min(to)..to
+    };
     // Amplitude and misfit at one shift; the amplitude enters linearly.
     let judge = |shift: f64| {
-        let (mut ss, mut sy, mut yy) = (0.0, 0.0, 0.0);
-        for (k, y) in masses.iter().enumerate() {
+        let falling = falling(shift);
+        let (mut ss, mut sy) = (falling.start as f64, before[falling.start]);
+        for k in falling {
             let (s, _) = falloff.at(run.start + k as f64 - shift);
             ss += s * s;
-            sy += s * y;
-            yy += y * y;
+            sy += s * masses[k];
         }
         let amplitude = if ss > 0.0 { sy / ss } else { 0.0 };
         (amplitude, yy - amplitude * sy)
@@ -198,9 +209,9 @@ fn fit(run: &Run, search: &TipSearch, side: f64) -> Option<TipFix> {
     for _ in 0..4 {
         let (amplitude, _) = judge(shift);
         let (mut gradient, mut curvature) = (0.0, 0.0);
-        for (k, y) in masses.iter().enumerate() {
+        for k in falling(shift) {
             let (s, slope) = falloff.at(run.start + k as f64 - shift);
-            gradient += -amplitude * slope * (y - amplitude * s);
+            gradient += -amplitude * slope * (masses[k] - amplitude * s);
             curvature += (amplitude * slope).powi(2);
         }
         if curvature <= 0.0 {
