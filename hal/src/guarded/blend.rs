@@ -12,6 +12,8 @@ use crate::Joints;
 const CORNER: f64 = 1e-12;
 /// Share of an acceleration across the change of rates below which it counts as rounding.
 const ASIDE: f64 = 1e-12;
+/// Ratio of squared distances beyond all rounding.
+const FARTHER: f64 = 1.0 + 1e-9;
 
 /// A side of a joint's admissible range: joint, and whether the upper one.
 pub(super) type Side = (usize, bool);
@@ -97,7 +99,12 @@ impl Plane {
         }
         let mut best: Option<(f64, f64, f64)> = None;
         let mut propose = |u: f64, t: f64| {
-            let distance = u.hypot(t - self.ideal);
+            // Most points are farther by much, which takes no root to see.
+            let aside = t - self.ideal;
+            if best.is_some_and(|(least, ..)| u * u + aside * aside > FARTHER * least * least) {
+                return;
+            }
+            let distance = u.hypot(aside);
             let closer = best.is_none_or(|(least, ..)| distance < least);
             if closer && halves.iter().all(|half| half.excess(u, t) <= half.slack()) {
                 best = Some((distance, u, t));
