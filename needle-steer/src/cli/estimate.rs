@@ -34,12 +34,8 @@ pub(super) fn execute(args: &EstimateArgs) -> anyhow::Result<ExitCode> {
         .files
         .iter()
         .map(|file| {
-            let read = if file.extension().is_some_and(|e| e == "csv") {
-                Recording::from_csv(file, &given)
-            } else {
-                Recording::from_log(file)
-            };
-            read.map_err(|e| Usage(format!("{:#}", anyhow::Error::from(e))))
+            Recording::read(file, &given)
+                .map_err(|e| Usage(format!("{:#}", anyhow::Error::from(e))))
         })
         .collect::<Result<_, _>>()?;
     let found = identify(&recordings).map_err(|e| Usage(e.to_string()))?;

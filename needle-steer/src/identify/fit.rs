@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 use needle_model::NeedleError;
 use serde::Serialize;
 
-use super::recording::Recording;
+use super::recording::{Recording, Support};
 use super::tip_load;
 use crate::config::Config;
 use crate::springs;
@@ -60,8 +60,16 @@ pub enum IdentifyError {
         /// Why.
         source: EstimatorError,
     },
+    /// A guide in whose pose the base's is not.
+    #[error("{name}: recordings through a guide are read, but not identified from yet")]
+    Guide {
+        /// The recording.
+        name: String,
+    },
     /// No recording is deep enough.
-    #[error("no recording is deeper than {needed_mm} mm (the deepest: {found_mm:.1} mm)")]
+    #[error(
+        "no recording is deeper than {needed_mm} mm (the deepest: {found_mm:.1} mm); are `tissue.entry_mm` and `tissue.inward` those of the recordings?"
+    )]
     Shallow {
         /// Depth needed \[mm\].
         needed_mm: f64,
@@ -134,6 +142,11 @@ pub fn identify(recordings: &[Recording]) -> Result<Identified, IdentifyError> {
         return Err(IdentifyError::NoRecording);
     };
     for recording in recordings {
+        if recording.support == Support::Guide {
+            return Err(IdentifyError::Guide {
+                name: recording.name.clone(),
+            });
+        }
         let found = along(recording)?;
         deepest = deepest.max(found.depth);
         measurements += recording.seen.len();
@@ -261,7 +274,9 @@ fn start(recording: &Recording, needle: &needle_model::Needle) -> Start {
     let world_from_base = recording
         .seen
         .first()
-        .map_or_else(nalgebra::Isometry3::identity, |seen| seen.world_from_base);
+        .map_or_else(nalgebra::Isometry3::identity, |seen| {
+            seen.world_from_support
+        });
     let (surface, inward) = (recording.config.entry(), recording.config.inward());
     let axis = world_from_base.rotation * Vector3::z();
     let origin = Point3::from(world_from_base.translation.vector);
@@ -286,7 +301,7 @@ fn pass(recording: &Recording, estimator: &mut Estimator) -> Found {
     for seen in &recording.seen {
         estimator.observe(&Observation {
             stamp: seen.stamp,
-            world_from_base: seen.world_from_base,
+            world_from_base: seen.world_from_support,
             position: seen.tip,
             position_sigma: seen.tip_sigma,
             direction: seen.direction,
@@ -297,7 +312,7 @@ fn pass(recording: &Recording, estimator: &mut Estimator) -> Found {
             },
             shaft: &seen.shaft,
         });
-        estimator.predict(seen.stamp, &seen.world_from_base);
+        estimator.predict(seen.stamp, &seen.world_from_support);
         depth = depth.max(estimator.depth());
         if estimator.depth() > before {
             let (sin, cos) = estimator.bevel_direction().sin_cos();

@@ -1,13 +1,15 @@
 //! What an insertion shows of a needle: base poses and what was seen of the needle then.
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use hal::frame::{LeftCamera, World};
 use hal::telemetry::Telemetry;
 use hal::{ArmState, SensedShape, Stamp, Transform};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
-use rosbridge::log::{LogReader, ReadError, Record};
+use rosbridge::log::{FileKind, LogReader, ReadError, Record};
 
+use super::table::TableError;
 use crate::config::{self, Config, ConfigError};
 use crate::cycle::{Bearings, base_pose};
 use crate::odometry::Odometry;
@@ -17,7 +19,7 @@ use crate::rig::{self, RigBuildError};
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// The log.
-    #[error("{}: {source}", file.display())]
+    #[error("{}", file.display())]
     Log {
         /// The file.
         file: PathBuf,
@@ -30,34 +32,9 @@ pub enum RecordingError {
     /// The log's arm.
     #[error(transparent)]
     Rig(#[from] RigBuildError),
-    /// The CSV file.
-    #[error("{}: {source}", file.display())]
-    Csv {
-        /// The file.
-        file: PathBuf,
-        /// Why.
-        source: csv::Error,
-    },
-    /// Columns that a CSV file needs.
-    #[error(
-        "{}: the columns {missing} are missing; docs/LOGS.md lists them", file.display()
-    )]
-    Columns {
-        /// The file.
-        file: PathBuf,
-        /// Their names.
-        missing: String,
-    },
-    /// A value of a CSV file.
-    #[error("{}:{line}: {problem}", file.display())]
-    Value {
-        /// The file.
-        file: PathBuf,
-        /// The line, from 1.
-        line: u64,
-        /// What was found and what was expected.
-        problem: String,
-    },
+    /// The table.
+    #[error(transparent)]
+    Table(#[from] TableError),
     /// Nothing to learn from.
     #[error("{}: no measurement of the needle", file.display())]
     Empty {
@@ -71,8 +48,8 @@ pub enum RecordingError {
 pub struct Seen {
     /// Exposure.
     pub stamp: Stamp,
-    /// Pose of the needle's base then.
-    pub world_from_base: Isometry3<f64>,
+    /// Pose of the needle's support then: of its base, or of the exit of a guide.
+    pub world_from_support: Isometry3<f64>,
     /// The tip O \[m\].
     pub tip: Point3<f64>,
     /// Its standard deviation per axis \[m\].
@@ -83,6 +60,19 @@ pub struct Seen {
     pub direction_sigma: f64,
     /// Points of the shaft and their standard deviations \[m\].
     pub shaft: Vec<(Point3<f64>, f64)>,
+    /// Length of needle pushed through the guide \[m\], where it was measured.
+    pub inserted: Option<f64>,
+    /// Turn of the needle about its axis \[rad\], where it was measured.
+    pub roll: Option<f64>,
+}
+
+/// What holds the needle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Support {
+    /// Its base is clamped and moves with the arm.
+    Base,
+    /// It slides through a guide that holds its direction.
+    Guide,
 }
 
 /// One insertion.
@@ -92,11 +82,33 @@ pub struct Recording {
     pub name: String,
     /// Needle and entry as the controller knew them.
     pub config: Config,
+    /// What holds the needle.
+    pub support: Support,
     /// In order of time.
     pub seen: Vec<Seen>,
 }
 
 impl Recording {
+    /// Reads a recording of any form: the log of a run, or a table with needle and entry from
+    /// `config`. The file's first bytes say which it is, not its name.
+    ///
+    /// # Errors
+    /// See [`RecordingError`].
+    pub fn read(file: &Path, config: &Config) -> Result<Self, RecordingError> {
+        let mut head = Vec::new();
+        let opened = std::fs::File::open(file);
+        let is_text = opened
+            .and_then(|f| f.take(16).read_to_end(&mut head))
+            .is_ok()
+            && FileKind::of(&head) == FileKind::Text;
+        let named_log = file.extension().is_some_and(|e| e == "mcap");
+        if is_text && !named_log {
+            Self::from_csv(file, config)
+        } else {
+            Self::from_log(file)
+        }
+    }
+
     /// Reads the log of a run.
     ///
     /// # Errors
@@ -175,6 +187,7 @@ impl Recorder {
         Ok(Recording {
             name: name.to_owned(),
             config: self.config,
+            support: Support::Base,
             seen: self.seen,
         })
     }
@@ -198,7 +211,7 @@ fn in_world(
 ) -> Seen {
     Seen {
         stamp: shape.stamp,
-        world_from_base: *world_from_base,
+        world_from_support: *world_from_base,
         tip: *(*world_from_camera * shape.tip.position).point(),
         tip_sigma: (shape.tip.covariance.trace() / 3.0).sqrt(),
         direction: world_from_camera.rotate_direction(&shape.tip.direction),
@@ -208,5 +221,7 @@ fn in_world(
             .iter()
             .map(|p| (*(*world_from_camera * p.position).point(), p.sigma))
             .collect(),
+        inserted: None,
+        roll: None,
     }
 }

@@ -1,108 +1,202 @@
-//! Recordings from CSV: base poses and what was seen of the needle, in World.
+//! A table of typed columns in SI units, read from text.
 
-use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use hal::Stamp;
-use nalgebra::{Isometry3, Point3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Vector3};
+use rosbridge::log::FileKind;
 
-use super::recording::{Recording, RecordingError, Seen};
-use crate::config::Config;
+use super::column::{self, Header, Quantity};
+use super::text::{Separator, Text};
 
-/// Columns that every row needs: time \[s\], pose of the needle's base, tip O \[m\].
-pub const NEEDED: [&str; 11] = [
-    "t_s", "base_x_m", "base_y_m", "base_z_m", "base_qx", "base_qy", "base_qz", "base_qw",
-    "tip_x_m", "tip_y_m", "tip_z_m",
-];
-/// Columns that may stand beside them: tip axis, standard deviation of tip and points \[m\],
-/// points of the shaft as `x y z;x y z;...` \[m\].
-pub const OPTIONAL: [&str; 5] = ["axis_x", "axis_y", "axis_z", "sigma_m", "points_m"];
-/// Standard deviation of a point where the file gives none \[m\].
-const SIGMA: f64 = 0.25e-3;
+/// A table that cannot be used: what, where, and what was expected.
+#[derive(Debug, thiserror::Error)]
+pub enum TableError {
+    /// The file cannot be read.
+    #[error("{}", file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file holds no table.
+    #[error("{}: {}, not a table; {}", file.display(), kind.name(), kind.remedy())]
+    Kind {
+        /// The file.
+        file: PathBuf,
+        /// What it is.
+        kind: FileKind,
+    },
+    /// A line, a column or a value.
+    #[error("{}:{line}: {problem}", file.display())]
+    Value {
+        /// The file.
+        file: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What was found and what was expected; a column by its name in the file.
+        problem: String,
+    },
+    /// Columns that are missing.
+    #[error(
+        "{}: the columns {missing} are missing; docs/LOGS.md lists them", file.display()
+    )]
+    Columns {
+        /// The file.
+        file: PathBuf,
+        /// Their names.
+        missing: String,
+    },
+}
 
-impl Recording {
-    /// Reads a CSV file; needle and entry come from `config`.
-    ///
-    /// # Errors
-    /// See [`RecordingError`].
-    pub fn from_csv(file: &Path, config: &Config) -> Result<Self, RecordingError> {
-        let failed = |source| RecordingError::Csv {
+/// A table of a recording: columns by quantity, numbers in SI units.
+#[derive(Clone, Debug)]
+pub(super) struct Table {
+    file: PathBuf,
+    columns: Vec<Column>,
+    lines: Vec<usize>,
+}
+
+#[derive(Clone, Debug)]
+struct Column {
+    /// As the file has it.
+    header: String,
+    quantity: Quantity,
+    cells: Cells,
+}
+
+#[derive(Clone, Debug)]
+enum Cells {
+    Numbers(Vec<Option<f64>>),
+    Points(Vec<Vec<Point3<f64>>>),
+}
+
+impl Table {
+    /// Reads a table. Unknown columns, cells that are no numbers and columns that say the same
+    /// twice are refused; empty cells are unknown values.
+    pub(super) fn read(file: &Path) -> Result<Self, TableError> {
+        if file.is_dir() {
+            let kind = FileKind::Folder;
+            return Err(TableError::Kind {
+                file: file.to_owned(),
+                kind,
+            });
+        }
+        let bytes = std::fs::read(file).map_err(|source| TableError::Read {
             file: file.to_owned(),
             source,
-        };
-        let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .from_path(file)
-            .map_err(failed)?;
-        let columns: HashMap<String, usize> = reader
-            .headers()
-            .map_err(failed)?
-            .iter()
-            .enumerate()
-            .map(|(k, name)| (name.to_owned(), k))
-            .collect();
-        let missing: Vec<&str> = NEEDED
-            .into_iter()
-            .filter(|name| !columns.contains_key(*name))
-            .collect();
-        if !missing.is_empty() {
-            return Err(RecordingError::Columns {
-                file: file.to_owned(),
-                missing: missing.join(", "),
-            });
-        }
-        let mut seen: Vec<Seen> = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(failed)?;
-            let line = record.position().map_or(0, csv::Position::line);
-            let row = Fields {
-                columns: &columns,
-                record: &record,
-            };
-            let value = |problem| RecordingError::Value {
-                file: file.to_owned(),
-                line,
-                problem,
-            };
-            let one = row.seen().map_err(value)?;
-            if seen.last().is_some_and(|last| last.stamp >= one.stamp) {
-                return Err(value(
-                    "t_s: expected a later time than in the line before".into(),
-                ));
+        })?;
+        match FileKind::of(&bytes[..bytes.len().min(16)]) {
+            FileKind::Text => {}
+            kind => {
+                return Err(TableError::Kind {
+                    file: file.to_owned(),
+                    kind,
+                });
             }
-            seen.push(one);
         }
-        if seen.is_empty() {
-            return Err(RecordingError::Empty {
-                file: file.to_owned(),
+        let text = Text::read(&bytes).map_err(|p| value(file, p.line, p.text))?;
+        let mut table = Self {
+            file: file.to_owned(),
+            columns: Vec::new(),
+            lines: text.rows.iter().map(|row| row.number).collect(),
+        };
+        let mut decimals = Decimals::of(text.separator);
+        for (k, header) in text.header.cells.iter().enumerate() {
+            let at_header = |problem| value(file, text.header.number, problem);
+            let Header::Known(quantity, factor) = column::understand(header).map_err(at_header)?
+            else {
+                continue;
+            };
+            if let Some(other) = table.columns.iter().find(|c| c.quantity == quantity) {
+                return Err(at_header(format!(
+                    "columns `{}` and `{header}` say the same; remove one",
+                    other.header
+                )));
+            }
+            let mut cells = Cells::of(quantity);
+            for row in &text.rows {
+                let cell = row.cells.get(k).map_or("", String::as_str);
+                cells
+                    .push(cell, factor, &mut decimals, row.number)
+                    .map_err(|problem| value(file, row.number, format!("{header}: {problem}")))?;
+            }
+            table.columns.push(Column {
+                header: header.clone(),
+                quantity,
+                cells,
             });
         }
-        Ok(Self {
-            name: file.display().to_string(),
-            config: config.clone(),
-            seen,
+        Ok(table)
+    }
+
+    /// Refuses a table without the columns named.
+    pub(super) fn require(&self, names: &[&str]) -> Result<(), TableError> {
+        let missing: Vec<String> = column::KNOWN
+            .iter()
+            .filter(|quantity| names.contains(&quantity.name) && !self.has(quantity.name))
+            .map(|quantity| quantity.header())
+            .collect();
+        if missing.is_empty() {
+            return Ok(());
+        }
+        Err(TableError::Columns {
+            file: self.file.clone(),
+            missing: missing.join(", "),
         })
+    }
+
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.column(name).is_some()
+    }
+
+    pub(super) fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// The rows in order.
+    pub(super) fn rows(&self) -> impl Iterator<Item = Row<'_>> {
+        (0..self.lines.len()).map(|index| Row { table: self, index })
+    }
+
+    fn column(&self, name: &str) -> Option<&Column> {
+        self.columns.iter().find(|c| c.quantity.name == name)
     }
 }
 
 /// One row.
-struct Fields<'a> {
-    columns: &'a HashMap<String, usize>,
-    record: &'a csv::StringRecord,
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Row<'a> {
+    table: &'a Table,
+    index: usize,
 }
 
-impl Fields<'_> {
-    fn text(&self, name: &str) -> Option<&str> {
-        let text = self.record.get(*self.columns.get(name)?)?;
-        (!text.is_empty()).then_some(text)
+impl Row<'_> {
+    /// Line in the file, from 1.
+    pub(super) fn line(&self) -> usize {
+        self.table.lines[self.index]
     }
 
-    fn number(&self, name: &str) -> Result<f64, String> {
-        let text = self.text(name).unwrap_or_default();
-        finite(text).ok_or_else(|| format!("{name}: expected a finite number, found `{text}`"))
+    /// A number in SI units; none where the column is missing or the cell empty.
+    pub(super) fn optional(&self, name: &str) -> Option<f64> {
+        match &self.table.column(name)?.cells {
+            Cells::Numbers(numbers) => numbers.get(self.index).copied().flatten(),
+            Cells::Points(_) => None,
+        }
     }
 
-    fn vector(&self, names: [&str; 3]) -> Result<Vector3<f64>, String> {
+    /// A number in SI units that must be there.
+    pub(super) fn number(&self, name: &str) -> Result<f64, TableError> {
+        self.optional(name).ok_or_else(|| {
+            self.problem(
+                name,
+                "expected a finite number, found an empty cell; complete the row or remove it",
+            )
+        })
+    }
+
+    /// Three numbers of which all must be there.
+    pub(super) fn vector(&self, names: [&str; 3]) -> Result<Vector3<f64>, TableError> {
         let [x, y, z] = names;
         Ok(Vector3::new(
             self.number(x)?,
@@ -111,115 +205,121 @@ impl Fields<'_> {
         ))
     }
 
-    fn seen(&self) -> Result<Seen, String> {
-        let time = self.number("t_s")?;
-        if !(0.0..1e9).contains(&time) {
-            return Err(format!(
-                "t_s: expected a time from 0 to 1e9 s, found {time}"
-            ));
+    /// A list of points \[m\]; empty where there is none.
+    pub(super) fn points(&self, name: &str) -> &[Point3<f64>] {
+        match self.table.column(name).map(|column| &column.cells) {
+            Some(Cells::Points(lists)) => lists.get(self.index).map_or(&[], Vec::as_slice),
+            _ => &[],
         }
-        let quaternion = Quaternion::new(
-            self.number("base_qw")?,
-            self.number("base_qx")?,
-            self.number("base_qy")?,
-            self.number("base_qz")?,
-        );
-        if (quaternion.norm() - 1.0).abs() > 1e-3 {
-            return Err(format!(
-                "base_qx to base_qw: expected a unit quaternion, found one of length {}",
-                quaternion.norm()
-            ));
-        }
-        let world_from_base = Isometry3::from_parts(
-            Translation3::from(self.vector(["base_x_m", "base_y_m", "base_z_m"])?),
-            UnitQuaternion::from_quaternion(quaternion),
-        );
-        let sigma = match self.text("sigma_m") {
-            None => SIGMA,
-            Some(text) => finite(text)
-                .filter(|s| *s > 0.0)
-                .ok_or_else(|| format!("sigma_m: expected a number above 0, found `{text}`"))?,
-        };
-        let (direction, direction_sigma) = if self.text("axis_x").is_some() {
-            let axis = self.vector(["axis_x", "axis_y", "axis_z"])?;
-            let axis = Unit::try_new(axis, 1e-6).ok_or("axis_x to axis_z: expected a direction")?;
-            (axis, 0.3_f64.to_radians())
-        } else {
-            (world_from_base.rotation * Vector3::z_axis(), f64::INFINITY)
-        };
-        Ok(Seen {
-            stamp: Stamp::from_secs(time),
-            world_from_base,
-            tip: self.vector(["tip_x_m", "tip_y_m", "tip_z_m"])?.into(),
-            tip_sigma: sigma,
-            direction,
-            direction_sigma,
-            shaft: match self.text("points_m") {
-                None => Vec::new(),
-                Some(text) => points(text, sigma)?,
-            },
-        })
+    }
+
+    /// An error about a column of this row, named as the file names it.
+    pub(super) fn problem(&self, name: &str, problem: &str) -> TableError {
+        let header = self.table.column(name).map_or(name, |c| c.header.as_str());
+        value(
+            &self.table.file,
+            self.line(),
+            format!("{header}: {problem}"),
+        )
     }
 }
 
-fn finite(text: &str) -> Option<f64> {
-    text.parse::<f64>().ok().filter(|x| x.is_finite())
+fn value(file: &Path, line: usize, problem: String) -> TableError {
+    TableError::Value {
+        file: file.to_owned(),
+        line,
+        problem,
+    }
 }
 
-fn points(text: &str, sigma: f64) -> Result<Vec<(Point3<f64>, f64)>, String> {
-    text.split(';')
+impl Cells {
+    const fn of(quantity: Quantity) -> Self {
+        if quantity.is_list {
+            Self::Points(Vec::new())
+        } else {
+            Self::Numbers(Vec::new())
+        }
+    }
+
+    fn push(
+        &mut self,
+        cell: &str,
+        factor: f64,
+        decimals: &mut Decimals,
+        line: usize,
+    ) -> Result<(), String> {
+        match self {
+            Self::Numbers(numbers) if cell.is_empty() => numbers.push(None),
+            Self::Numbers(numbers) => numbers.push(Some(decimals.number(cell, line)? * factor)),
+            Self::Points(lists) => lists.push(points(cell, factor, decimals, line)?),
+        }
+        Ok(())
+    }
+}
+
+/// Points as `x y z;x y z;...`.
+fn points(
+    cell: &str,
+    factor: f64,
+    decimals: &mut Decimals,
+    line: usize,
+) -> Result<Vec<Point3<f64>>, String> {
+    cell.split(';')
+        .filter(|point| !point.trim().is_empty())
         .map(|point| {
-            let numbers: Option<Vec<f64>> = point.split_whitespace().map(finite).collect();
-            match numbers.as_deref() {
-                Some(&[x, y, z]) => Ok((Point3::new(x, y, z), sigma)),
-                _ => Err(format!("points_m: expected `x y z;x y z`, found `{point}`")),
+            let numbers: Vec<f64> = point
+                .split_whitespace()
+                .map(|number| decimals.number(number, line))
+                .collect::<Result<_, _>>()?;
+            match numbers.as_slice() {
+                &[x, y, z] => Ok(Point3::new(x, y, z) * factor),
+                _ => Err(format!("expected `x y z;x y z`, found `{point}`")),
             }
         })
         .collect()
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Decimal points or decimal commas: one kind in a file.
+#[derive(Debug)]
+struct Decimals {
+    /// Whether commas may stand in numbers at all.
+    commas: bool,
+    /// The first number with each kind, and its line.
+    point: Option<(String, usize)>,
+    comma: Option<(String, usize)>,
+}
 
-    fn read(name: &str, text: &str) -> Result<Recording, RecordingError> {
-        let file = std::env::temp_dir().join(format!("needle-{name}-{}.csv", std::process::id()));
-        std::fs::write(&file, text).unwrap();
-        let read = Recording::from_csv(&file, &Config::default());
-        std::fs::remove_file(&file).unwrap();
-        read
+impl Decimals {
+    fn of(separator: Separator) -> Self {
+        Self {
+            commas: separator != Separator::Character(','),
+            point: None,
+            comma: None,
+        }
     }
 
-    const HEAD: &str = "t_s,base_x_m,base_y_m,base_z_m,base_qx,base_qy,base_qz,base_qw,tip_x_m,\
-        tip_y_m,tip_z_m,points_m";
-
-    #[test]
-    fn rows_are_read_and_what_is_wrong_is_named() {
-        let good = format!("{HEAD}\n0,0.4,0,0.376,1,0,0,0,0.4,0,0.25,0.4 0 0.26;0.4 0 0.27\n");
-        let read_back = read("good", &good).unwrap();
-        assert_eq!(read_back.seen[0].shaft.len(), 2);
-        let axis = read_back.seen[0].world_from_base.rotation * Vector3::z();
-        assert!((axis + Vector3::z()).norm() < 1e-12);
-        let cases = [
-            (
-                good.replace("tip_z_m,", ""),
-                "the columns tip_z_m are missing",
-            ),
-            (
-                good.replace("0.376", "nan"),
-                ":2: base_z_m: expected a finite number",
-            ),
-            (good.replace("1,0,0,0,", "1,1,0,0,"), "unit quaternion"),
-            (
-                good.replace("0.4 0 0.27", "0.4 0"),
-                "expected `x y z;x y z`",
-            ),
-            (format!("{HEAD}\n"), "no measurement"),
-            (format!("{good}0,1,2\n"), "found record with 3 fields"),
-        ];
-        for (k, (text, expected)) in cases.iter().enumerate() {
-            let message = read(&format!("bad{k}"), text).unwrap_err().to_string();
-            assert!(message.contains(expected), "{message}");
+    fn number(&mut self, cell: &str, line: usize) -> Result<f64, String> {
+        let comma = self.commas && cell.contains(',');
+        let text = if comma {
+            cell.replacen(',', ".", 1)
+        } else {
+            cell.to_owned()
+        };
+        let number = text
+            .parse::<f64>()
+            .ok()
+            .filter(|number| number.is_finite())
+            .ok_or_else(|| format!("expected a finite number, found `{cell}`"))?;
+        if comma {
+            self.comma.get_or_insert_with(|| (cell.to_owned(), line));
+        } else if cell.contains('.') {
+            self.point.get_or_insert_with(|| (cell.to_owned(), line));
+        }
+        match (&self.point, &self.comma) {
+            (Some((point, at)), Some((comma, other))) => Err(format!(
+                "a file has decimal points or decimal commas, found `{point}` in line {at} and `{comma}` in line {other}"
+            )),
+            _ => Ok(number),
         }
     }
 }

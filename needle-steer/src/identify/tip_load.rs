@@ -27,7 +27,7 @@ pub(super) fn along(recording: &Recording, k_t: f64, k_sigma: f64) -> Vec<LogLoa
 fn fits(recording: &Recording, k_t: f64, k_sigma: f64) -> Option<Vec<LogLoad>> {
     let config = &recording.config;
     let first = recording.seen.first()?;
-    let outside = first.world_from_base * nalgebra::Isometry3::translation(0.0, 0.0, -CLEARANCE);
+    let outside = first.world_from_support * nalgebra::Isometry3::translation(0.0, 0.0, -CLEARANCE);
     let mut insertion = Insertion::new(
         springs::needle(config).ok()?,
         Bevel::plane_cut(
@@ -47,7 +47,7 @@ fn fits(recording: &Recording, k_t: f64, k_sigma: f64) -> Option<Vec<LogLoad>> {
     let mut found = Vec::new();
     for seen in &recording.seen {
         if insertion
-            .insert(&seen.world_from_base, Some(seen.tip.coords))
+            .insert(&seen.world_from_support, Some(seen.tip.coords))
             .is_err()
         {
             break;

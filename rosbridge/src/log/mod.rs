@@ -9,6 +9,9 @@
 //! twice a second, so that a killed process leaves a readable file; [`LogReader`] reads such a
 //! file up to where it breaks off.
 
+mod chunk;
+mod error;
+mod kind;
 mod read;
 mod recorder;
 mod topic;
@@ -23,7 +26,9 @@ use crate::seam::RosMsg;
 
 use crate::msg::needle_steer_msgs;
 
-pub use read::{LogReader, ReadError};
+pub use error::{Damage, ReadError};
+pub use kind::FileKind;
+pub use read::LogReader;
 pub use recorder::{Log, Overflow, Written};
 pub use write::{LogWriter, WriteError};
 

@@ -1,6 +1,6 @@
 //! Reading a log back, also one that breaks off.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
@@ -12,6 +12,9 @@ use mcap::records::{Record as Raw, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
+use super::chunk::{self, Chunk};
+use super::error::{Damage, ReadError};
+use super::kind::{self, FileKind};
 use super::topic::{
     MESSAGE_ENCODING, META_DOCUMENT, META_LABELS, META_RUN, META_VERSIONS, TOPICS, Topic,
 };
@@ -19,61 +22,24 @@ use super::{Level, Record, RunInfo};
 use crate::convert::{self, ConvertError};
 use crate::msg::{needle_steer_msgs, rosgraph_msgs, sensor_msgs};
 
-/// A file that is not a readable log.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The file cannot be read.
-    #[error("log {path}")]
-    Io {
-        /// The file.
-        path: String,
-        /// Why.
-        source: io::Error,
-    },
-    /// Not an MCAP file, or damaged inside.
-    #[error("not a sound MCAP file")]
-    Mcap(#[from] McapError),
-    /// Not the log of a run.
-    #[error("not the log of a run: {missing} is missing or malformed")]
-    NotARun {
-        /// What is missing.
-        missing: &'static str,
-    },
-    /// Written with other message definitions.
-    #[error("{topic}: written with another definition of its messages")]
-    Definition {
-        /// The channel.
-        topic: &'static str,
-    },
-    /// A message is malformed.
-    #[error("{topic}: malformed message")]
-    Decode {
-        /// The channel.
-        topic: &'static str,
-        /// Why.
-        source: io::Error,
-    },
-    /// A message says something impossible.
-    #[error("{topic}: {source}")]
-    Content {
-        /// The channel.
-        topic: &'static str,
-        /// Why.
-        source: ConvertError,
-    },
-    /// A right image without its left one.
-    #[error("a right image without its left one")]
-    UnpairedImage,
-}
+/// Most that is read at once \[bytes\]: a damaged length asks for all memory.
+const READ: usize = 1 << 20;
+/// The magic bytes before the first record, opcode and length before each \[bytes\].
+const MAGIC: u64 = 8;
+const PREFIX: u64 = 9;
 
-/// Longest record or chunk that is read \[bytes\]; keeps a damaged length from filling memory.
-const RECORD_LIMIT: usize = 256 << 20;
-
-/// Reads a log record by record. A log that breaks off ends there; see
-/// [`is_complete`](Self::is_complete). After an error nothing more is read.
+/// Reads a log record by record, also one whose chunks are compressed with zstd or lz4. A log
+/// that breaks off ends there; see [`is_complete`](Self::is_complete). After an error nothing more
+/// is read.
 pub struct LogReader<R: Read> {
     source: R,
     mcap: LinearReader,
+    /// Offset of the next record of the file, and of the one being read.
+    next: u64,
+    at: u64,
+    chunk: Chunk,
+    /// Records that stood before the run's description: tools that rewrite a log may move it.
+    early: VecDeque<Record>,
     run: RunInfo,
     schemas: HashMap<u16, Vec<u8>>,
     channels: HashMap<u16, Topic>,
@@ -88,6 +54,9 @@ impl LogReader<BufReader<File>> {
     /// # Errors
     /// The file cannot be read or is not the log of a run.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
+        if path.is_dir() {
+            return Err(ReadError::Foreign(FileKind::Folder));
+        }
         let file = File::open(path).map_err(|source| ReadError::Io {
             path: path.display().to_string(),
             source,
@@ -101,14 +70,31 @@ impl<R: Read> LogReader<R> {
     ///
     /// # Errors
     /// The source cannot be read or is not the log of a run.
-    pub fn new(source: R) -> Result<Self, ReadError> {
+    pub fn new(mut source: R) -> Result<Self, ReadError> {
+        let mut head = Vec::new();
+        source
+            .by_ref()
+            .take(kind::HEAD as u64)
+            .read_to_end(&mut head)
+            .map_err(|source| ReadError::Source { at: 0, source })?;
+        match FileKind::of(&head) {
+            FileKind::Mcap => {}
+            other => return Err(ReadError::Foreign(other)),
+        }
         let options = LinearReaderOptions::default()
             .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(RECORD_LIMIT);
+            .with_emit_chunks(true)
+            .with_record_length_limit(usize::try_from(chunk::LIMIT).unwrap_or(usize::MAX));
+        let mut mcap = LinearReader::new_with_options(options);
+        mcap.insert(head.len()).copy_from_slice(&head);
+        mcap.notify_read(head.len());
         let mut reader = Self {
             source,
-            mcap: LinearReader::new_with_options(options),
+            mcap,
+            next: MAGIC,
+            at: 0,
+            chunk: Chunk::default(),
+            early: VecDeque::new(),
             run: RunInfo::default(),
             schemas: HashMap::new(),
             channels: HashMap::new(),
@@ -120,9 +106,8 @@ impl<R: Read> LogReader<R> {
             match reader.event()? {
                 Some(Event::RunComplete) => return Ok(reader),
                 Some(Event::Nothing) => {}
-                Some(Event::Record(_)) | None => {
-                    return Err(ReadError::NotARun { missing: META_RUN });
-                }
+                Some(Event::Record(record)) => reader.early.push_back(record),
+                None => return Err(ReadError::NotARun { missing: META_RUN }),
             }
         }
     }
@@ -141,31 +126,63 @@ impl<R: Read> LogReader<R> {
     /// Takes in one MCAP record; nothing at the end.
     fn event(&mut self) -> Result<Option<Event>, ReadError> {
         while !self.ended {
+            let at = self.at;
+            let damaged = move |damage| match damage {
+                Damage::Compression(name) => ReadError::Compression { at, name },
+                damage => ReadError::Damaged { at, damage },
+            };
+            if let Some((opcode, data)) = self.chunk.next().map_err(damaged)? {
+                let state = State {
+                    at,
+                    run: &mut self.run,
+                    schemas: &mut self.schemas,
+                    channels: &mut self.channels,
+                    left: &mut self.left,
+                };
+                return state.parse(opcode, data).map(Some);
+            }
+            let at = self.next;
+            let damaged = move |damage| match damage {
+                Damage::Compression(name) => ReadError::Compression { at, name },
+                damage => ReadError::Damaged { at, damage },
+            };
             let need = match self.mcap.next_event() {
                 None | Some(Err(McapError::UnexpectedEof)) => break,
-                Some(Err(error)) => return Err(error.into()),
+                Some(Err(error)) => return Err(damaged(Damage::Record(error))),
                 Some(Ok(LinearReadEvent::ReadRequest(need))) => need,
-                Some(Ok(LinearReadEvent::Record { data, opcode })) => match opcode {
-                    op::FOOTER => {
-                        self.complete = true;
-                        break;
+                Some(Ok(LinearReadEvent::Record { data, opcode })) => {
+                    self.at = self.next;
+                    self.next += PREFIX + data.len() as u64;
+                    match opcode {
+                        op::FOOTER => {
+                            self.complete = true;
+                            break;
+                        }
+                        op::CHUNK => {
+                            let parsed = mcap::parse_record(opcode, data)
+                                .map_err(|e| damaged(Damage::Record(e)))?;
+                            if let Raw::Chunk { header, data } = parsed {
+                                self.chunk.read(&header, &data).map_err(damaged)?;
+                            }
+                            continue;
+                        }
+                        _ => {
+                            let state = State {
+                                at,
+                                run: &mut self.run,
+                                schemas: &mut self.schemas,
+                                channels: &mut self.channels,
+                                left: &mut self.left,
+                            };
+                            return state.parse(opcode, data).map(Some);
+                        }
                     }
-                    op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {
-                        let state = State {
-                            run: &mut self.run,
-                            schemas: &mut self.schemas,
-                            channels: &mut self.channels,
-                            left: &mut self.left,
-                        };
-                        return state.take(mcap::parse_record(opcode, data)?).map(Some);
-                    }
-                    _ => continue,
-                },
+                }
             };
             let read = loop {
-                match self.source.read(self.mcap.insert(need)) {
+                match self.source.read(self.mcap.insert(need.min(READ))) {
                     Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                    read => break read.map_err(McapError::Io)?,
+                    read => break read.map_err(|source| ReadError::Source { at, source })?,
                 }
             };
             self.mcap.notify_read(read);
@@ -179,6 +196,9 @@ impl<R: Read> Iterator for LogReader<R> {
     type Item = Result<Record, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
+        if let Some(record) = self.early.pop_front() {
+            return Some(Ok(record));
+        }
         loop {
             match self.event() {
                 Ok(Some(Event::Record(record))) => return Some(Ok(record)),
@@ -210,6 +230,7 @@ enum Event {
 
 /// The reader's memory, apart from the MCAP reader whose buffer the record borrows.
 struct State<'a> {
+    at: u64,
     run: &'a mut RunInfo,
     schemas: &'a mut HashMap<u16, Vec<u8>>,
     channels: &'a mut HashMap<u16, Topic>,
@@ -217,6 +238,21 @@ struct State<'a> {
 }
 
 impl State<'_> {
+    fn parse(self, opcode: u8, data: &[u8]) -> Result<Event, ReadError> {
+        if !matches!(
+            opcode,
+            op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA
+        ) {
+            return Ok(Event::Nothing);
+        }
+        let at = self.at;
+        let raw = mcap::parse_record(opcode, data).map_err(|error| ReadError::Damaged {
+            at,
+            damage: Damage::Record(error),
+        })?;
+        self.take(raw)
+    }
+
     fn take(self, raw: Raw<'_>) -> Result<Event, ReadError> {
         match raw {
             Raw::Schema { header, data } => {
@@ -286,38 +322,40 @@ impl State<'_> {
 
     fn message(self, topic: Topic, data: &[u8]) -> Result<Event, ReadError> {
         let name = TOPICS[topic as usize].name;
-        let content = |source| ReadError::Content {
+        let at = self.at;
+        let content = |problem| ReadError::Content {
             topic: name,
-            source,
+            at,
+            problem,
         };
         let record = match topic {
             Topic::Arm => {
-                let message: needle_steer_msgs::ArmState = decode(topic, data)?;
+                let message: needle_steer_msgs::ArmState = decode(topic, at, data)?;
                 Record::Arm((&message).try_into().map_err(content)?)
             }
             Topic::Shape => {
-                let message: needle_steer_msgs::Shape = decode(topic, data)?;
+                let message: needle_steer_msgs::Shape = decode(topic, at, data)?;
                 Record::Shape((&message).try_into().map_err(content)?)
             }
             Topic::Left => {
-                *self.left = Some(image(topic, data)?);
+                *self.left = Some(image(topic, at, data)?);
                 return Ok(Event::Nothing);
             }
             Topic::Right => {
-                let right = image(topic, data)?;
-                let left = self.left.take().ok_or(ReadError::UnpairedImage)?;
+                let right = image(topic, at, data)?;
+                let left = self.left.take().ok_or(ReadError::UnpairedImage { at })?;
                 Record::Stereo(StereoFrame { left, right })
             }
             Topic::Step => {
-                let message: needle_steer_msgs::Step = decode(topic, data)?;
+                let message: needle_steer_msgs::Step = decode(topic, at, data)?;
                 Record::Step(Box::new(Telemetry::try_from(&message).map_err(content)?))
             }
             Topic::Command => {
-                let message: needle_steer_msgs::RateCommand = decode(topic, data)?;
+                let message: needle_steer_msgs::RateCommand = decode(topic, at, data)?;
                 Record::Command((&message).try_into().map_err(content)?)
             }
             Topic::Note => {
-                let message: rosgraph_msgs::Log = decode(topic, data)?;
+                let message: rosgraph_msgs::Log = decode(topic, at, data)?;
                 Record::Note {
                     stamp: convert::stamp(message.header.stamp),
                     level: level(message.level).map_err(content)?,
@@ -333,9 +371,10 @@ impl State<'_> {
 }
 
 /// Decodes a message that must fill its record exactly.
-fn decode<M: RosMsg>(topic: Topic, mut data: &[u8]) -> Result<M, ReadError> {
+fn decode<M: RosMsg>(topic: Topic, at: u64, mut data: &[u8]) -> Result<M, ReadError> {
     let error = |source| ReadError::Decode {
         topic: TOPICS[topic as usize].name,
+        at,
         source,
     };
     let message = M::decode(&mut data).map_err(error)?;
@@ -346,18 +385,20 @@ fn decode<M: RosMsg>(topic: Topic, mut data: &[u8]) -> Result<M, ReadError> {
     }
 }
 
-fn image(topic: Topic, data: &[u8]) -> Result<CameraFrame, ReadError> {
+fn image(topic: Topic, at: u64, data: &[u8]) -> Result<CameraFrame, ReadError> {
     let name = TOPICS[topic as usize].name;
     if !pixels_fill(data) {
         return Err(ReadError::Decode {
             topic: name,
+            at,
             source: io::ErrorKind::InvalidData.into(),
         });
     }
-    let message: sensor_msgs::Image = decode(topic, data)?;
-    convert::from_image(message).map_err(|source| ReadError::Content {
+    let message: sensor_msgs::Image = decode(topic, at, data)?;
+    convert::from_image(message).map_err(|problem| ReadError::Content {
         topic: name,
-        source,
+        at,
+        problem,
     })
 }
 
