@@ -16,6 +16,9 @@ use crate::view::RollTravel;
 /// pi/4.
 const SLOW_DOWN: f64 = 0.3;
 
+/// Angle from the end of the travel within which the bevel stands at it \[rad\].
+const AT_END: f64 = 0.1;
+
 /// Remaining angle below which a turn is over \[rad\].
 const ARRIVED: f64 = 0.01;
 
@@ -24,7 +27,7 @@ const ARRIVED: f64 = 0.01;
 pub struct BevelModulator {
     /// Debt above which the bevel turns \[m\].
     threshold: f64,
-    /// Largest rotation away from the middle of the travel that a turn may end at \[rad\].
+    /// What the bevel has not given yet \[m\].
     debt: Vector2<f64>,
     /// Rotation that is still to be made \[rad\], signed.
     remaining: f64,
@@ -83,12 +86,13 @@ impl BevelModulator {
             // Under way the target moves a little; the sense stays unless travel forbids it.
             let keep = self.turning && wish.signum() != self.remaining.signum() && wish.abs() > 1.0;
             let first = if keep { other_way(wish) } else { wish };
-            let roomy = travel.positive >= first && travel.negative >= -first;
-            self.remaining = if roomy { first } else { other_way(first) };
-            if !travel.allows(self.remaining) {
-                // Neither way is free: as far as it goes.
-                self.remaining = wish.max(-travel.negative).min(travel.positive);
-            }
+            self.remaining = if travel.allows(first) {
+                first
+            } else if travel.allows(other_way(first)) {
+                other_way(first)
+            } else {
+                self.end(wish, azimuth, travel)
+            };
             self.turning = true;
         }
         if self.turning && self.remaining.abs() < ARRIVED {
@@ -102,6 +106,28 @@ impl BevelModulator {
         let spin = self.remaining.signum() * pace.min(self.remaining.abs() / dt);
         self.remaining -= spin * dt;
         spin
+    }
+
+    /// Neither way is free: the end of the travel next to the debt. Where the debt lies between
+    /// the ends, the bevel goes to and fro between them, staying at each until the other one
+    /// would pay off more than a threshold.
+    fn end(&self, wish: f64, azimuth: f64, travel: &RollTravel) -> f64 {
+        if self.turning {
+            return if self.remaining < 0.0 {
+                -travel.negative
+            } else {
+                travel.positive
+            };
+        }
+        let pays = |end: f64| (Rotation2::new(azimuth + end) * Vector2::x()).dot(&self.debt);
+        let next = travel.end_next_to(wish);
+        let here = if travel.positive < travel.negative {
+            travel.positive
+        } else {
+            -travel.negative
+        };
+        let stays = here.abs() < AT_END && pays(next) - pays(here) < self.threshold;
+        if stays { here } else { next }
     }
 }
 
@@ -118,7 +144,16 @@ mod tests {
 
     /// Inserts 60 mm at 1 mm/s and returns the mean curvature given and the largest rotation.
     fn insert(wanted: Vector2<f64>, start: f64, omega: f64) -> (Vector2<f64>, f64) {
-        let range = 1.5 * PI;
+        insert_within(1.5 * PI, wanted, start, omega)
+    }
+
+    /// As [`insert`], with as much travel to either side of the start.
+    fn insert_within(
+        range: f64,
+        wanted: Vector2<f64>,
+        start: f64,
+        omega: f64,
+    ) -> (Vector2<f64>, f64) {
         let mut modulator = BevelModulator::new(0.75e-3);
         let (mut roll, mut given, mut extreme) = (0.0_f64, Vector2::zeros(), 0.0_f64);
         let (dt, speed) = (1.0 / 30.0, 1e-3);
@@ -149,6 +184,23 @@ mod tests {
             let (given, extreme) = insert(wanted, start, 2.0 * PI);
             prop_assert!((given - wanted).norm() < 3.0 * 0.75 / 60.0 + 5e-3, "{given} {wanted}");
             prop_assert!(extreme <= 1.5 * PI + 1e-9);
+        }
+    }
+
+    proptest! {
+        #![proptest_config(crate::seeded())]
+        /// With less than a turn in all, the bevel goes to and fro between the ends for what lies
+        /// beyond them, and not without pause.
+        #[test]
+        fn less_than_a_turn_steers_to_all_sides(
+            size in 0.0_f64..0.6, direction in -3.1_f64..3.1, start in -3.1_f64..3.1,
+            degrees in 147.0_f64..178.0,
+        ) {
+            let wanted = Rotation2::new(direction) * Vector2::new(size, 0.0);
+            let range = degrees.to_radians();
+            let (given, extreme) = insert_within(range, wanted, start, 2.0 * PI);
+            prop_assert!((given - wanted).norm() < 3.0 * 0.75 / 60.0 + 2e-2, "{given} {wanted}");
+            prop_assert!(extreme <= range + 1e-9);
         }
     }
 

@@ -32,16 +32,22 @@ pub fn effective_curvature(heading: f64, cycle_length: f64) -> f64 {
     heading / cycle_length
 }
 
+/// Travel with which a spinning phase goes to and fro where there is none for a turn \[rad\]: what
+/// a joint of 300 degrees has left within its reserves.
+const SWEEP: f64 = 5.0;
+
 /// A duty cycle in progress.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cycle {
     duty: f64,
-    /// Signed rotation of the spinning phase \[rad\].
-    turn: f64,
+    /// Signed rotations of the spinning phase, one after the other \[rad\].
+    turns: [f64; 3],
+    /// The one under way, and how far it has come \[rad\].
+    turn: usize,
+    turned: f64,
     /// Length of needle inserted in the spinning phase, and in the translation phase \[m\].
     spin_length: f64,
     insert_length: f64,
-    turned: f64,
     advanced: f64,
 }
 
@@ -59,8 +65,10 @@ pub struct Phase {
 impl Cycle {
     /// Plans a cycle of `length` \[m\] with duty cycle `duty` (0 to 1). The spinning phase makes
     /// one turn and takes out sigma, so that the bevel faces the desired way in the translation
-    /// phase. `sense` (sign) is preferred; the other one is taken where the travel asks for it;
-    /// `None` where neither fits.
+    /// phase. `sense` (sign) is preferred; the other one is taken where the travel asks for it.
+    /// Where neither fits, the spinning phase goes from the nearer end of the travel to the other
+    /// one and back to where the bevel faces the desired way, or as near as it can; `None` where
+    /// the travel is too short for that.
     pub fn plan(
         duty: f64,
         length: f64,
@@ -68,14 +76,17 @@ impl Cycle {
         sense: f64,
         travel: &RollTravel,
     ) -> Option<Self> {
-        let turn = [sense.signum(), -sense.signum()]
+        let turns = [sense.signum(), -sense.signum()]
             .into_iter()
             .map(|s| s * TAU - wrap(sigma))
-            .find(|&turn| travel.allows(turn))?;
+            .find(|&turn| travel.allows(turn))
+            .map(|turn| [turn, 0.0, 0.0])
+            .or_else(|| to_and_fro(wrap(-sigma), travel))?;
         let duty = duty.clamp(0.0, 1.0);
         Some(Self {
             duty,
-            turn,
+            turns,
+            turn: 0,
             spin_length: duty * length,
             insert_length: (1.0 - duty) * length,
             turned: 0.0,
@@ -90,7 +101,7 @@ impl Cycle {
 
     /// Sense of the spinning phase: +1 or -1.
     pub fn sense(&self) -> f64 {
-        self.turn.signum()
+        self.turns[0].signum()
     }
 
     /// Whether both phases are over.
@@ -99,7 +110,11 @@ impl Cycle {
     }
 
     fn spin_is_done(&self) -> bool {
-        (self.turn - self.turned).abs() < 1e-6
+        let over = |turn: usize| {
+            let done = if turn == self.turn { self.turned } else { 0.0 };
+            (self.turns[turn] - done).abs() < 1e-6
+        };
+        (self.turn..self.turns.len()).all(over)
     }
 
     /// The motion for the next `dt` \[s\], which is taken as executed: at most `speed` \[m/s\]
@@ -123,16 +138,38 @@ impl Cycle {
                 spinning: false,
             };
         }
-        let duration = (self.turn.abs() / omega_z_max).max(self.spin_length / speed);
-        let left = self.turn - self.turned;
-        let step = self.turn.signum() * left.abs().min(self.turn.abs() / duration * dt);
+        let whole: f64 = self.turns.iter().map(|turn| turn.abs()).sum();
+        let duration = (whole / omega_z_max).max(self.spin_length / speed);
+        if (self.turns[self.turn] - self.turned).abs() < 1e-6 {
+            self.turn += 1;
+            self.turned = 0.0;
+        }
+        let left = self.turns[self.turn] - self.turned;
+        let step = left.signum() * left.abs().min(whole / duration * dt);
         self.turned += step;
         Phase {
-            speed: self.spin_length * (step / self.turn) / dt,
+            speed: self.spin_length * (step.abs() / whole) / dt,
             spin: step / dt,
             spinning: true,
         }
     }
+}
+
+/// The rotations of a spinning phase that ends `wish` \[rad\] from here, or at the end next to it.
+fn to_and_fro(wish: f64, travel: &RollTravel) -> Option<[f64; 3]> {
+    if travel.total() < SWEEP {
+        return None;
+    }
+    let (near, far) = if travel.positive < travel.negative {
+        (travel.positive, -travel.negative)
+    } else {
+        (-travel.negative, travel.positive)
+    };
+    let last = [wish, wish - wish.signum() * TAU]
+        .into_iter()
+        .find(|&turn| travel.allows(turn))
+        .unwrap_or_else(|| travel.end_next_to(wish));
+    Some([near, far - near, last - far])
 }
 
 #[cfg(test)]
@@ -175,6 +212,29 @@ mod tests {
             negative: 7.0,
         };
         assert!(Cycle::plan(0.5, 3e-3, 0.1, 1.0, &travel).unwrap().sense() < 0.0);
+    }
+
+    #[test]
+    fn without_travel_for_a_turn_a_cycle_goes_to_and_fro() {
+        for (positive, negative, sigma) in [(2.6, 2.6, 0.4), (0.0, 5.2, -2.0), (5.2, 0.0, 3.0)] {
+            let travel = RollTravel { positive, negative };
+            let mut cycle = Cycle::plan(0.5, 3e-3, sigma, 1.0, &travel).unwrap();
+            let (mut at, mut inserted, dt) = (0.0, 0.0, 0.01);
+            let (mut lowest, mut highest, mut steps) = (0.0_f64, 0.0_f64, 0);
+            while !cycle.is_done() && steps < 10_000 {
+                let phase = cycle.advance(1e-3, TAU, dt);
+                assert!(phase.spin.abs() <= TAU * (1.0 + 1e-9) && phase.speed <= 1e-3 + 1e-12);
+                at += phase.spin * dt;
+                inserted += phase.speed * dt;
+                (lowest, highest) = (lowest.min(at), highest.max(at));
+                steps += 1;
+            }
+            assert!(cycle.is_done());
+            assert!((inserted - 3e-3).abs() < 1e-8, "{inserted}");
+            assert!((highest - positive).abs() < 1e-5 && (lowest + negative).abs() < 1e-5);
+            let faces = wrap(at + sigma).abs();
+            assert!(faces < 1e-5 || faces < 0.6 && !travel.allows(at + 0.1), "{faces}");
+        }
     }
 
     proptest! {

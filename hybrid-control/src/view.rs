@@ -87,6 +87,30 @@ impl RollTravel {
         }
     }
 
+    /// From one end to the other \[rad\].
+    pub fn total(&self) -> f64 {
+        self.positive + self.negative
+    }
+
+    /// As [`RollTravel::within`], with less of the reserve where less than `whole` \[rad\] would
+    /// be left, down to `least` \[rad\].
+    #[must_use]
+    pub fn within_spare(&self, reserve: f64, least: f64, whole: f64) -> Self {
+        let spare = 0.5 * (self.total() - whole);
+        self.within(spare.max(least).min(reserve))
+    }
+
+    /// The end, as a rotation from here \[rad\], from which a bevel that shall turn by `wish`
+    /// \[rad\], full turns not counting, differs least.
+    pub fn end_next_to(&self, wish: f64) -> f64 {
+        let off = |end: f64| crate::tasks::wrap(wish - end).abs();
+        if off(self.positive) <= off(-self.negative) {
+            self.positive
+        } else {
+            -self.negative
+        }
+    }
+
     /// Whether a rotation by the signed `angle` \[rad\] stays inside the travel.
     pub fn allows(&self, angle: f64) -> bool {
         if angle >= 0.0 {

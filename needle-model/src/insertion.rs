@@ -22,6 +22,9 @@ const EVENT_TOLERANCE: f64 = 1e-9;
 const STEP_TOLERANCE: f64 = 1e-8;
 /// Searches for one event before giving up.
 const EVENT_TRIALS: usize = 60;
+/// Events of one step before giving up: as many a sub-step, and some more. Far from any insertion,
+/// a spring may be passed forwards and backwards without end.
+const MOST_EVENTS: (f64, f64) = (4.0, 16.0);
 /// Shortest pitch \[m\]: no tissue is known to so fine a scale, and the springs grow many.
 const LEAST_PITCH: f64 = 1e-5;
 /// Sub-steps of one step: 25 m at the usual pitch.
@@ -269,16 +272,21 @@ impl Insertion {
             let (travel_m, turn_rad) = (travel, turn);
             return Err(InsertionError::Step { travel_m, turn_rad });
         }
+        let mut events_left = MOST_EVENTS.0 * pieces + MOST_EVENTS.1;
         let mut done = 0.0;
         let mut piece = 1.0;
         while piece <= pieces {
             let end = piece / pieces;
             self.settle(from, target, end)?;
-            let Some((event, _)) = self.pending(cutting) else {
+            let Some((event, gap_m)) = self.pending(cutting) else {
                 done = end;
                 piece += 1.0;
                 continue;
             };
+            events_left -= 1.0;
+            if events_left < 0.0 {
+                return Err(InsertionError::Event { gap_m });
+            }
             done = self.locate(from, target, (done, end), event, cutting)?;
             match event {
                 Event::Behind => {

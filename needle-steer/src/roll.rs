@@ -1,10 +1,10 @@
 //! The last joint, which turns the needle: what it has left, and what gives way at its end.
 
 use hal::telemetry::Limit;
-use hal::{ArmState, Twist};
+use hal::{ArmState, JointLimit, Twist};
 use hybrid_control::view::RollTravel;
 use nalgebra::Vector3;
-use robots::kinematics::{RateSettings, TurnBudget, TwistRates};
+use robots::kinematics::{Chain, JointKind, RateSettings, TurnBudget, TwistRates};
 
 use crate::bearings::{Bearings, base_pose};
 
@@ -13,19 +13,52 @@ const MARGIN: f64 = 0.02;
 /// Time constant with which the joint approaches its end \[s\].
 const APPROACH: f64 = 0.05;
 
+/// Turns of a continuous joint to either side that a needle with a cable may make \[rad\].
+const CABLE: f64 = core::f64::consts::TAU;
+
+/// Sense in which the last joint counts turns about the needle's z: 1 or -1.
+pub(crate) fn sense(chain: &Chain) -> f64 {
+    chain.spin().map_or(1.0, |spin| spin.sense)
+}
+
+/// Middle of the last joint's travel \[rad\].
+pub(crate) fn middle(chain: &Chain) -> f64 {
+    spin_limit(chain).map_or(0.0, |limit| 0.5 * (limit.lower + limit.upper))
+}
+
+/// Limits of the last joint as spin uses it: a joint without ends has its cable's.
+pub(crate) fn spin_limit(chain: &Chain) -> Option<JointLimit> {
+    chain.limits().last().map(|limit| {
+        let continuous = chain.kinds().last() == Some(&JointKind::Continuous);
+        let (lower, upper) = if continuous {
+            (-CABLE, CABLE)
+        } else {
+            (limit.lower, limit.upper)
+        };
+        JointLimit {
+            lower,
+            upper,
+            ..*limit
+        }
+    })
+}
+
 /// Travel of the last joint, in the senses of the needle's z.
 pub(crate) fn roll_travel(bearings: &Bearings, arm: &ArmState) -> RollTravel {
-    let (Some(q), Some(limit)) = (arm.positions.last(), bearings.chain.limits().last()) else {
+    let limit = spin_limit(&bearings.chain);
+    let (Some(q), Some(limit)) = (arm.positions.last(), limit) else {
         return RollTravel {
             positive: 0.0,
             negative: 0.0,
         };
     };
-    let left = TurnBudget::new(limit, MARGIN).remaining(*q);
-    RollTravel {
-        positive: left.positive,
-        negative: left.negative,
-    }
+    let left = TurnBudget::new(&limit, MARGIN).remaining(*q);
+    let (positive, negative) = if sense(&bearings.chain) < 0.0 {
+        (left.negative, left.positive)
+    } else {
+        (left.positive, left.negative)
+    };
+    RollTravel { positive, negative }
 }
 
 /// Joint rates for a twist of the needle's base (World).
@@ -48,7 +81,8 @@ pub(crate) fn joint_rates(
         bearings.chain.rates(&arm.positions, &in_arm_base, settings)
     };
     let wanted = rates(twist);
-    let rate = wanted.rates.last().copied().unwrap_or_default();
+    // As spin about the needle's z.
+    let rate = sense(&bearings.chain) * wanted.rates.last().copied().unwrap_or_default();
     let left = roll_travel(bearings, arm);
     let room = if rate > 0.0 {
         left.positive

@@ -1,20 +1,25 @@
-//! Geometry of serial arms with six or seven revolute joints, read from a URDF.
+//! Geometry of serial arms, read from a URDF.
 
 mod chain;
+mod coupled;
 mod inverse;
 mod line;
 mod numeric;
 mod opw;
 mod parallel;
 mod rates;
+mod redundant;
+mod rigid;
 mod solver;
+mod spin;
 mod turns;
 mod urdf;
-mod urdf_error;
 
-pub use chain::{Chain, Jacobian};
+pub use chain::{Chain, ENDLESS, Jacobian, JointKind};
 pub use inverse::Turns;
 pub use opw::OpwParameters;
 pub use rates::{RateSettings, TwistRates};
+pub use spin::Spin;
 pub use turns::{NotEnoughTravel, RemainingTravel, TurnBudget};
-pub use urdf_error::UrdfError;
+pub use urdf::{Section, arm_sections};
+pub use urdf::error::UrdfError;

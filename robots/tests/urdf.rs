@@ -21,18 +21,11 @@ fn broken_files_name_the_element() {
     let twice = format!("<origin xyz=\"0 0 0\"/>{JOINT_3_ORIGIN}");
     let limit_3 = r#"<limit lower="-0.5061454830783556" upper="4.468042885105484" effort="0" velocity="6.544984694978735"/>"#;
     let joint_3_type = r#"<joint name="joint_3" type="revolute">"#;
-    let cases: [(UrdfError, &[&str]); 16] = [
+    let cases: [(UrdfError, &[&str]); 14] = [
         (joint_3(&twice), &["joint_3", "<origin>"]),
         (error_of(limit_3, ""), &["joint_3", "<limit> is missing"]),
         (
             error_of(limit_3, r#"<limit effort="0" velocity="1"/>"#),
-            &["joint_3", "no motion"],
-        ),
-        (
-            error_of(
-                limit_3,
-                r#"<limit lower="-1" upper="1" effort="0" velocity="0"/>"#,
-            ),
             &["joint_3", "no motion"],
         ),
         (
@@ -59,10 +52,6 @@ fn broken_files_name_the_element() {
             &["joint_3", "prismatic"],
         ),
         (
-            error_of(joint_3_type, r#"<joint name="joint_3" type="continuous">"#),
-            &["joint_3", "continuous"],
-        ),
-        (
             error_of(joint_3_type, r#"<joint name="joint_3" type="fixed">"#),
             &["base_link", "needle_base", "5"],
         ),
@@ -71,8 +60,8 @@ fn broken_files_name_the_element() {
             &["joint_2", "twice"],
         ),
         (
-            error_of(limit_3, &format!("{limit_3}<mimic joint=\"joint_1\"/>")),
-            &["joint_3", "joint_1"],
+            error_of(limit_3, &format!("{limit_3}<mimic joint=\"joint_9\"/>")),
+            &["joint_3", "joint_9"],
         ),
         (
             error_of(
@@ -103,11 +92,6 @@ fn what_the_parser_refuses_is_named_too() {
     let cases = [
         (
             limit_3,
-            r#"<limit lower="-1" upper="1" effort="0"/>"#,
-            "joint_3",
-        ),
-        (
-            limit_3,
             r#"<limit lower="a" upper="1" effort="0" velocity="1"/>"#,
             "joint_3",
         ),
@@ -135,11 +119,6 @@ fn what_the_parser_refuses_is_named_too() {
         (joint_3, r#"<joint name="joint_3">"#, "joint_3"),
         (joint_3, r#"<joint type="revolute">"#, "(unnamed)"),
         ("<link name=\"tool0\"/>", "<link/>", "link (unnamed)"),
-        (
-            "<link name=\"tool0\"/>",
-            r#"<link name="tool0"><inertial><mass value="heavy"/></inertial></link>"#,
-            "link tool0",
-        ),
     ];
     for (from, to, name) in cases {
         let message = error_of(from, to).to_string();
@@ -167,6 +146,10 @@ fn joints_off_the_chain_and_elements_unknown_do_no_harm() {
         let message = Chain::from_urdf(&more, tip).unwrap_err().to_string();
         assert!(message.contains(joint), "{message}");
     }
+    // Not even a number that is none.
+    let broken = more.replace("upper=\"0.1\"", "upper=\"wide\"");
+    let chain = Chain::from_urdf(&broken, NEEDLE_BASE).unwrap();
+    assert_eq!(chain.forward(&q), plain.forward(&q));
 }
 
 #[test]

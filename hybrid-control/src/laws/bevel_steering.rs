@@ -175,6 +175,10 @@ impl BevelSteering {
         }
         match self.detour {
             Some(sense) => sense * omega_max,
+            // The wanted direction lies between the ends of the travel.
+            None if !travel.allows(short) && !travel.allows(long) => {
+                sliding_mode(-travel.end_next_to(short), omega_max)
+            }
             None => sliding_mode(wrap(sigma), omega_max),
         }
     }

@@ -8,6 +8,11 @@ use crate::estimator::Estimator;
 use crate::view::{Decision, Law, View};
 use crate::workspace::inside_workspace;
 
+/// Travel with which the bevel can steer to all sides, going to and fro \[rad\]: 300 degrees.
+const STEERABLE: f64 = 5.236;
+/// Least reserve for tilting that a joint of so little travel keeps \[rad\]: 2 degrees.
+const LEAST_RESERVE: f64 = 0.035;
+
 struct Guarded<L>(L);
 
 pub(super) fn guarded<L: Law + 'static>(law: L) -> Box<dyn Law> {
@@ -26,7 +31,9 @@ impl<L: Law> Law for Guarded<L> {
         // Tilting moves the last joint too: the law may not spend the whole travel on spin.
         let reserve = view.limits.roll_reserve_deg.to_radians();
         let view = &View {
-            roll_travel: view.roll_travel.within(reserve),
+            roll_travel: view
+                .roll_travel
+                .within_spare(reserve, LEAST_RESERVE, STEERABLE),
             ..*view
         };
         let mut decision = self.0.decide(view);

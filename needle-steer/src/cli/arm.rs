@@ -7,7 +7,7 @@ use anyhow::Context;
 use clap::Args;
 use hal::Joints;
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3};
-use robots::kinematics::{Chain, Turns};
+use robots::kinematics::{Chain, Section, Turns};
 use serde::Serialize;
 
 use super::{Usage, print_json};
@@ -18,17 +18,46 @@ pub(super) struct ArmArgs {
     /// URDF file.
     #[arg(long)]
     urdf: PathBuf,
-    /// Link at the end of the chain; the chain runs from the URDF's root to it.
+    /// Link at the end of the chain.
     #[arg(long)]
     tip: String,
+    /// Link at which the chain begins; by default the URDF's root.
+    #[arg(long)]
+    base: Option<String>,
+    /// Hold a joint of the chain still: NAME=VALUE, the value in rad, or m of a prismatic joint.
+    #[arg(long, value_name = "NAME=VALUE", allow_hyphen_values = true)]
+    hold: Vec<String>,
+    /// Take prismatic joints and any number of joints up to seven: guides, stages, arms on rails.
+    /// Positions of prismatic joints are in metres.
+    #[arg(long)]
+    mechanism: bool,
 }
 
 impl ArmArgs {
     fn chain(&self) -> anyhow::Result<Chain> {
         let file = self.urdf.display();
-        let xml = std::fs::read_to_string(&self.urdf)
+        let bytes = std::fs::read(&self.urdf)
             .map_err(|e| Usage(format!("{file}: cannot be read: {e}")))?;
-        Ok(Chain::from_urdf(&xml, &self.tip).map_err(|e| Usage(format!("{file}: {e}")))?)
+        let mut section = if self.mechanism {
+            Section::mechanism(&self.tip)
+        } else {
+            Section::arm(&self.tip)
+        };
+        if let Some(base) = &self.base {
+            section = section.from(base);
+        }
+        for text in &self.hold {
+            let value = text
+                .rsplit_once('=')
+                .and_then(|(name, value)| Some((name, value.trim().parse::<f64>().ok()?)));
+            let Some((name, value)) = value else {
+                let problem = format!("--hold={text}: expected NAME=VALUE");
+                return Err(Usage(problem).into());
+            };
+            section = section.holding(name.trim(), value);
+        }
+        let chain = Chain::from_section(&bytes, &section);
+        Ok(chain.map_err(|e| Usage(e.in_file(&self.urdf)))?)
     }
 }
 
@@ -89,6 +118,8 @@ pub(super) struct IkArgs {
 #[derive(Serialize)]
 struct IkItem {
     solutions: Vec<Joints>,
+    /// Whether these are all; if not, none does not mean out of reach.
+    exhaustive: bool,
 }
 
 pub(super) fn ik(args: &IkArgs) -> anyhow::Result<ExitCode> {
@@ -102,6 +133,7 @@ pub(super) fn ik(args: &IkArgs) -> anyhow::Result<ExitCode> {
     for text in &args.pose {
         items.push(IkItem {
             solutions: chain.inverse(&pose(text)?, turns),
+            exhaustive: chain.is_exhaustive(),
         });
     }
     print_json(&items)?;

@@ -2,8 +2,10 @@
 //! fault, 2 bad usage or configuration.
 
 mod arm;
+mod arms;
 mod calibrate;
 mod campaign;
+mod check;
 mod emulate;
 mod estimate;
 mod model;
@@ -14,7 +16,7 @@ mod run;
 mod track;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -59,11 +61,10 @@ enum Command {
     Fk(arm::FkArgs),
     /// Inverse kinematics of an arm: every joint vector that reaches a pose.
     Ik(arm::IkArgs),
-    /// Check a configuration.
-    Check {
-        /// Configuration file (TOML).
-        config: PathBuf,
-    },
+    /// Which arms of a folder of URDFs can carry out the default insertion: a Markdown table.
+    Arms(arms::ArmsArgs),
+    /// Check a configuration, and whether its arm can carry out the insertion.
+    Check(check::CheckArgs),
     /// Print a configuration.
     Config {
         #[command(subcommand)]
@@ -188,10 +189,8 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Emulate(command) => return emulate::execute(&command),
         Command::Fk(args) => return arm::fk(&args),
         Command::Ik(args) => return arm::ik(&args),
-        Command::Check { config } => {
-            config::load(Some(&config), &[])?;
-            writeln!(std::io::stdout(), "{}: valid", config.display())?;
-        }
+        Command::Arms(args) => return arms::execute(&args),
+        Command::Check(args) => return check::execute(&args),
         Command::Config {
             which: ConfigCommand::Default,
         } => {

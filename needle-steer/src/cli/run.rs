@@ -115,7 +115,8 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let mut rig = Rig::build(&config, link.as_ref())?;
     if config.run.dry_run {
         let joints = degrees(&rig.arm.state()?.positions);
-        writeln!(std::io::stderr(), "joints {joints} deg")?;
+        let margins = super::check::margins(&config, &rig.bearings.chain, &rig.course);
+        writeln!(std::io::stderr(), "joints {joints} deg\narm: {margins}")?;
     }
     let mut session = match &link {
         Some(link) if config.ros.publish => Some(Session::new(&config, link, &rig, &controls)?),

@@ -254,7 +254,20 @@ impl Config {
         for value in self.arm.base_rpy_deg {
             within("arm.base_rpy_deg", value, -360.0, 360.0)?;
         }
-        Ok(())
+        for value in self.arm.tip_mm {
+            within("arm.tip_mm", value, -1000.0, 1000.0)?;
+        }
+        for value in self.arm.tip_rpy_deg {
+            within("arm.tip_rpy_deg", value, -360.0, 360.0)?;
+        }
+        for (joint, value) in &self.arm.held_joints_mm {
+            within(&format!("arm.held_joints_mm.{joint}"), *value, -1e4, 1e4)?;
+        }
+        for (joint, value) in &self.arm.held_joints_deg {
+            within(&format!("arm.held_joints_deg.{joint}"), *value, -1e4, 1e4)?;
+        }
+        let speed = self.arm.joint_speed_deg_s;
+        within("arm.joint_speed_deg_s", speed, 0.0, 720.0)
     }
 
     fn validate_ros(&self) -> Result<(), Invalid> {

@@ -6,6 +6,8 @@ mod check;
 mod load;
 mod ros;
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -393,6 +395,18 @@ pub struct Arm {
     pub urdf: String,
     /// Link that carries the needle: origin at the needle's base, z along the needle.
     pub tip_link: String,
+    /// Where the needle's base lies in the tip link \[mm\].
+    pub tip_mm: [f64; 3],
+    /// How the needle is turned in the tip link: roll, pitch, yaw \[deg\].
+    pub tip_rpy_deg: [f64; 3],
+    /// Link at which the arm's chain begins; empty for the URDF's root.
+    pub base_link: String,
+    /// Prismatic joints of the chain that are held still, and where \[mm\].
+    pub held_joints_mm: BTreeMap<String, f64>,
+    /// Turning joints of the chain that are held still, and where \[deg\].
+    pub held_joints_deg: BTreeMap<String, f64>,
+    /// Highest speed of the joints for which the URDF gives none \[deg/s\]; 0: not known.
+    pub joint_speed_deg_s: f64,
     /// Place of the arm's base in World \[mm\].
     pub base_mm: [f64; 3],
     /// Orientation of the arm's base in World: roll, pitch, yaw \[deg\].

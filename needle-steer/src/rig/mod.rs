@@ -2,7 +2,9 @@
 
 mod devices;
 mod eyes;
+mod fit;
 mod start;
+mod suggest;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -12,7 +14,6 @@ use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::{Arm, ArmMode, Clock, Recorded, Transform};
 use phantom::SettingsError;
 use phantom::camera::{CameraSettings, RigError, StereoRig};
-use robots::kinematics::UrdfError;
 use robots::sim::{SimError, SimulatedArm};
 use robots::viper;
 
@@ -26,8 +27,9 @@ use crate::springs::SpringsError;
 pub use devices::Pace;
 use devices::{Devices, Place, TICK};
 pub use eyes::{Eyes, Sighting};
-use start::{arm_place, start_pose};
-pub use start::{bearings, chain};
+pub use fit::{Course, Demand, Misfit, check_chain, follow};
+pub use start::{Start, arm_place, bearings, chain, start};
+pub use suggest::{Place as Suggestion, suggest};
 
 /// Distance that guarded joints keep from their limits \[rad\].
 const JOINT_MARGIN: f64 = 8.727e-3;
@@ -47,15 +49,18 @@ pub enum RigBuildError {
         /// Why.
         source: std::io::Error,
     },
-    /// The URDF gives no chain.
-    #[error("URDF: {0}")]
-    Urdf(#[from] UrdfError),
+    /// The URDF gives no chain; file, place and remedy.
+    #[error("{0}")]
+    Urdf(String),
     /// The arm cannot hold the needle at its start.
     #[error("the arm cannot reach the start pose of the needle's base at {position_mm:?} mm")]
     StartUnreachable {
         /// The start \[mm\].
         position_mm: [f64; 3],
     },
+    /// The arm cannot carry out the insertion.
+    #[error(transparent)]
+    Misfit(#[from] Misfit),
     /// The phantom's settings.
     #[error("phantom: {0}")]
     Phantom(#[from] SettingsError),
@@ -128,6 +133,8 @@ pub struct Rig {
     pub simulated_arm: Option<SimulatedArm>,
     /// Joints at the start pose of the configuration.
     pub home: hal::Joints,
+    /// What the straight insertion from there leaves the arm.
+    pub course: Course,
     /// Number of the last command.
     sequence: u64,
 }
@@ -174,7 +181,11 @@ impl Rig {
     ) -> Result<Self, RigBuildError> {
         let chain = chain(config)?;
         let world_from_arm_base = arm_place(config);
-        let (start, joints) = start_pose(config, &chain, &world_from_arm_base)?;
+        let Start {
+            world_from_base: start,
+            joints,
+            course,
+        } = start(config, &chain, &world_from_arm_base)?;
         let images = config.run.sensor == SensorKind::Images;
         let camera_settings = if images {
             cameras::settings(config)?
@@ -215,6 +226,7 @@ impl Rig {
             world: devices.world,
             simulated_arm: devices.simulated_arm,
             home: joints,
+            course,
             sequence: 0,
         };
         rig.await_feedback()?;

@@ -1,34 +1,77 @@
 //! Where the arm holds the needle at the start of an insertion.
 
+use core::f64::consts::TAU;
 use std::path::PathBuf;
 
-use hal::Transform;
 use hal::frame::{ArmBase, LeftCamera, World};
+use hal::{Joints, Transform};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use robots::arms;
-use robots::kinematics::{Chain, Turns};
+use robots::kinematics::{Chain, Section, Turns};
 
 use super::RigBuildError;
+use super::fit::{self, Course, Demand, Misfit};
 use crate::config::Config;
 use crate::cycle::Bearings;
+use crate::roll;
 
 /// The arm's chain to the needle's base.
 ///
 /// # Errors
 /// The URDF file cannot be read or gives no chain.
 pub fn chain(config: &Config) -> Result<Chain, RigBuildError> {
-    let link = if config.arm.tip_link.is_empty() {
+    let arm = &config.arm;
+    let link = if arm.tip_link.is_empty() {
         arms::NEEDLE_BASE
     } else {
-        config.arm.tip_link.as_str()
+        arm.tip_link.as_str()
     };
-    if config.arm.urdf.is_empty() {
-        return Ok(Chain::from_urdf(arms::VIPER_S650, link)?);
+    let mut section = Section::arm(link);
+    if !arm.base_link.is_empty() {
+        section = section.from(&arm.base_link);
     }
-    let file = PathBuf::from(&config.arm.urdf);
-    let xml = std::fs::read_to_string(&file)
-        .map_err(|source| RigBuildError::UrdfFile { file, source })?;
-    Ok(Chain::from_urdf(&xml, link)?)
+    for (joint, position) in &arm.held_joints_mm {
+        section = section.holding(joint, position * 1e-3);
+    }
+    for (joint, position) in &arm.held_joints_deg {
+        section = section.holding(joint, position.to_radians());
+    }
+    let chain = if arm.urdf.is_empty() {
+        Chain::from_section(arms::VIPER_S650.as_bytes(), &section)
+            .map_err(|error| RigBuildError::Urdf(format!("the built-in Viper S650: {error}")))?
+    } else {
+        let file = PathBuf::from(&arm.urdf);
+        let bytes = std::fs::read(&file).map_err(|source| RigBuildError::UrdfFile {
+            file: file.clone(),
+            source,
+        })?;
+        Chain::from_section(&bytes, &section)
+            .map_err(|error| RigBuildError::Urdf(error.in_file(&file)))?
+    };
+    let chain = match tool(config) {
+        Some(tip_from_tool) => chain.with_tool(&tip_from_tool),
+        None => chain,
+    };
+    let speed = arm.joint_speed_deg_s.to_radians();
+    Ok(if speed > 0.0 {
+        chain.with_speed(speed)
+    } else {
+        chain
+    })
+}
+
+/// The needle's base in the tip link, where it is not that link.
+fn tool(config: &Config) -> Option<Isometry3<f64>> {
+    let (place, turn) = (config.arm.tip_mm, config.arm.tip_rpy_deg);
+    if place == [0.0; 3] && turn == [0.0; 3] {
+        return None;
+    }
+    let [x, y, z] = place.map(|v| v * 1e-3);
+    let [roll, pitch, yaw] = turn.map(f64::to_radians);
+    Some(Isometry3::from_parts(
+        Translation3::new(x, y, z),
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+    ))
 }
 
 /// Where things stand for a controller on `config`, with the stereo frame as registered.
@@ -47,7 +90,8 @@ pub fn bearings(
     })
 }
 
-pub(super) fn arm_place(config: &Config) -> Transform<World, ArmBase> {
+/// Place of the arm's base that the configuration gives.
+pub fn arm_place(config: &Config) -> Transform<World, ArmBase> {
     let [x, y, z] = config.arm.base_mm.map(|v| v * 1e-3);
     let [roll, pitch, yaw] = config.arm.base_rpy_deg.map(f64::to_radians);
     Transform::assume(Isometry3::from_parts(
@@ -56,58 +100,116 @@ pub(super) fn arm_place(config: &Config) -> Transform<World, ArmBase> {
     ))
 }
 
-/// Start pose of the needle's base and the joints for it. The needle's roll is free: it is chosen
-/// so that the last joint starts at zero, with all of its travel in both senses.
-pub(super) fn start_pose(
+/// Where an insertion starts.
+#[derive(Clone, Debug)]
+pub struct Start {
+    /// Pose of the needle's base in World.
+    pub world_from_base: Isometry3<f64>,
+    /// The joints for it.
+    pub joints: Joints,
+    /// What the straight insertion from there leaves the arm.
+    pub course: Course,
+}
+
+/// Start of the insertion: of all postures of the arm, that with most room from which it can go
+/// the whole way. The needle's roll is free: it is chosen so that the last joint starts in the
+/// middle of its travel.
+///
+/// # Errors
+/// The arm cannot reach the start, or cannot insert from there.
+pub fn start(
     config: &Config,
     chain: &Chain,
     world_from_arm_base: &Transform<World, ArmBase>,
-) -> Result<(Isometry3<f64>, hal::Joints), RigBuildError> {
-    let start = config.world_from_start_base();
-    let p = start.translation.vector * 1e3;
-    let unreachable = || RigBuildError::StartUnreachable {
-        position_mm: [p.x, p.y, p.z],
-    };
-    let reach = |pose: &Isometry3<f64>| {
-        start_joints(chain, &(world_from_arm_base.isometry().inverse() * pose))
-    };
-    let mut joints = reach(&start).ok_or_else(unreachable)?;
-    let roll = joints.last().copied().unwrap_or(0.0);
-    let turned = start * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -roll);
-    if let Some(last) = joints.last_mut() {
-        *last = 0.0;
+) -> Result<Start, RigBuildError> {
+    fit::check_chain(chain)?;
+    let demand = Demand::of(config);
+    let nominal = config.world_from_start_base();
+    let arm_base_from_world = world_from_arm_base.isometry().inverse();
+    let mut best: Option<(f64, Start)> = None;
+    let mut misfit: Option<(f64, Misfit)> = None;
+    for turn in rolls(chain) {
+        let start = nominal * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn);
+        for q in chain.inverse(&(arm_base_from_world * start), Turns::One) {
+            let merit = merit(chain, &q);
+            let (world_from_base, joints) = centred(chain, world_from_arm_base, &start, &q);
+            match fit::follow(chain, &joints, &demand) {
+                Ok(course) if best.as_ref().is_none_or(|(most, _)| merit >= *most) => {
+                    let start = Start {
+                        world_from_base,
+                        joints,
+                        course,
+                    };
+                    best = Some((merit, start));
+                }
+                Err(why) if misfit.as_ref().is_none_or(|(most, _)| merit >= *most) => {
+                    misfit = Some((merit, why));
+                }
+                _ => {}
+            }
+        }
+        if let Some((_, start)) = best {
+            return Ok(start);
+        }
     }
-    // An arm whose last joint does not turn about the needle keeps the first pose.
-    let reached = world_from_arm_base.isometry() * chain.forward(&joints);
-    if (reached.to_homogeneous() - turned.to_homogeneous())
-        .abs()
-        .max()
-        < 1e-6
-    {
-        return Ok((turned, joints));
-    }
-    Ok((start, reach(&start).ok_or_else(unreachable)?))
+    let p = nominal.translation.vector * 1e3;
+    Err(match misfit {
+        Some((_, misfit)) => misfit.into(),
+        None => RigBuildError::StartUnreachable {
+            position_mm: [p.x, p.y, p.z],
+        },
+    })
 }
 
-/// The branch with most room: far from singularities and from the ends of the joints, its last
+/// Rolls of the needle to start with: one, where the last joint can turn to any other.
+fn rolls(chain: &Chain) -> impl Iterator<Item = f64> {
+    let travel = roll::spin_limit(chain).map_or(TAU, |limit| limit.upper - limit.lower);
+    let tried = if travel < TAU { 3 } else { 1 };
+    (0..tried).map(|k| f64::from(k) * TAU / 3.0)
+}
+
+/// The pose `start`, reached with the joints `q`, rolled so that the last joint is in the middle
+/// of its travel.
+fn centred(
+    chain: &Chain,
+    world_from_arm_base: &Transform<World, ArmBase>,
+    start: &Isometry3<f64>,
+    q: &Joints,
+) -> (Isometry3<f64>, Joints) {
+    let mut joints = *q;
+    let Some(last) = joints.last_mut() else {
+        return (*start, *q);
+    };
+    let middle = roll::middle(chain);
+    let turn = roll::sense(chain) * (middle - *last);
+    *last = middle;
+    let turned = start * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn);
+    let wanted = world_from_arm_base.isometry().inverse() * turned;
+    let reached = chain.forward(&joints);
+    let off = (reached.to_homogeneous() - wanted.to_homogeneous())
+        .abs()
+        .max();
+    if off < 1e-6 {
+        return (turned, joints);
+    }
+    // An axis that calibration has found slightly off the needle: the other joints make up for it.
+    let near = chain.inverse_near(&wanted, &joints);
+    near.map_or((*start, *q), |joints| (turned, joints))
+}
+
+/// How much room a posture has: far from singularities and from the ends of the joints, its last
 /// joint turned least, so that the needle can spin in both senses.
-fn start_joints(chain: &Chain, base_from_tip: &Isometry3<f64>) -> Option<hal::Joints> {
+fn merit(chain: &Chain, q: &Joints) -> f64 {
     /// Reach over which the Jacobian's rows are compared \[m\].
     const LENGTH: f64 = 0.1;
     /// Room beyond which more is no better \[rad\].
     const ENOUGH: f64 = 1.0;
-    let merit = |q: &hal::Joints| {
-        let room = |(q, limit): (&f64, &hal::JointLimit)| (q - limit.lower).min(limit.upper - q);
-        let least = q
-            .iter()
-            .zip(chain.limits())
-            .map(room)
-            .fold(ENOUGH, f64::min);
-        let turned = q.last().map_or(0.0, |last| last.abs());
-        chain.dexterity(q, LENGTH) + least - 0.1 * turned
-    };
-    chain
-        .inverse(base_from_tip, Turns::One)
-        .into_iter()
-        .max_by(|a, b| merit(a).total_cmp(&merit(b)))
+    let room = |(q, limit): (&f64, &hal::JointLimit)| (q - limit.lower).min(limit.upper - q);
+    let least = q
+        .iter()
+        .zip(chain.limits())
+        .map(room)
+        .fold(ENOUGH, f64::min);
+    let turned = q.last().map_or(0.0, |last| last.abs());
+    chain.dexterity(q, LENGTH) + least - 0.1 * turned
 }

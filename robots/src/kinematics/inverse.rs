@@ -1,11 +1,12 @@
 //! Inverse kinematics: all postures of the arm for a pose of its tip.
 
-use core::f64::consts::TAU;
+use core::f64::consts::{PI, TAU};
 
 use hal::{JointLimit, Joints};
 use nalgebra::Isometry3;
 
-use super::chain::Chain;
+use super::chain::{Chain, JointKind};
+use super::numeric;
 use super::opw::OpwParameters;
 
 /// Which full turns of the joints count as solutions of their own.
@@ -41,7 +42,11 @@ impl Chain {
     /// to rounding, but one may be missed: of 10 000 random joint vectors of ten arms without any
     /// special geometry, away from singularities, one was not among the solutions for its pose;
     /// of 4 000 of four UR5e with every length and angle off by up to 3 mm and 3 mrad, none. For
-    /// seven joints the solutions are a sample of infinitely many.
+    /// seven joints the solutions are a sample of infinitely many, and every family of them that
+    /// is met is followed until it comes within the limits. [`Chain::is_exhaustive`] says which
+    /// of these holds.
+    ///
+    /// A continuous joint comes in (-pi, pi]; its full turns are no solutions of their own.
     ///
     /// A pose out of reach, or one that is not finite, has no solutions.
     pub fn inverse(&self, base_from_tip: &Isometry3<f64>, turns: Turns) -> Vec<Joints> {
@@ -57,7 +62,7 @@ impl Chain {
         }
         let mut keep = |q: Joints| {
             if let Some(q) = self.near_zero(&q)
-                && !solutions.iter().any(|other| is_same(other, &q))
+                && !solutions.iter().any(|other| self.is_same(other, &q, SAME))
             {
                 solutions.push(q);
             }
@@ -75,12 +80,27 @@ impl Chain {
         self.inverse(base_from_tip, Turns::One)
             .into_iter()
             .map(|mut solution| {
-                for ((x, limit), near) in solution.iter_mut().zip(self.limits()).zip(q.iter()) {
-                    *x = turn_next_to(*x, *near, limit).unwrap_or(*x);
+                let joints = self.limits().iter().zip(self.kinds());
+                for ((x, (limit, kind)), near) in solution.iter_mut().zip(joints).zip(q.iter()) {
+                    if *kind != JointKind::Prismatic {
+                        *x = turn_next_to(*x, *near, limit).unwrap_or(*x);
+                    }
                 }
                 solution
             })
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    }
+
+    /// The solution that damped Newton iterations from `q` lead to, wherever in the circle and
+    /// within the limits or not; nothing if they do not converge.
+    pub fn refine(&self, base_from_tip: &Isometry3<f64>, q: &Joints) -> Option<Joints> {
+        numeric::newton(self, base_from_tip, *q)
+    }
+
+    /// Whether [`Chain::inverse`] finds every solution, so that none means out of reach. Without
+    /// an analytic solution the search is not sure of that.
+    pub fn is_exhaustive(&self) -> bool {
+        self.solver().is_exact()
     }
 
     /// Parameters of an arm with an orthogonal base and a spherical wrist; `None` for others.
@@ -89,18 +109,41 @@ impl Chain {
     }
 
     /// The same posture with every joint as near to zero as its limits allow, if they do.
-    fn near_zero(&self, q: &Joints) -> Option<Joints> {
+    pub(super) fn near_zero(&self, q: &Joints) -> Option<Joints> {
         let mut out = *q;
-        for (x, limit) in out.iter_mut().zip(self.limits()) {
+        for (x, (limit, kind)) in out.iter_mut().zip(self.limits().iter().zip(self.kinds())) {
             let principal = *x - TAU * (*x / TAU).round();
-            *x = onto(principal, limit).or_else(|| turn_next_to(principal, 0.0, limit))?;
+            *x = match kind {
+                JointKind::Prismatic => onto(*x, limit)?,
+                JointKind::Continuous if principal <= -PI => principal + TAU,
+                JointKind::Continuous => principal,
+                JointKind::Revolute => {
+                    onto(principal, limit).or_else(|| turn_next_to(principal, 0.0, limit))?
+                }
+            };
         }
         Some(out)
+    }
+
+    /// Whether two joint vectors are one up to full turns and `tolerance` \[rad, m\].
+    pub(super) fn is_same(&self, a: &Joints, b: &Joints, tolerance: f64) -> bool {
+        let pairs = a.iter().zip(b.iter());
+        pairs.zip(self.kinds()).all(|((a, b), kind)| {
+            let apart = a - b;
+            let turns = match kind {
+                JointKind::Prismatic => 0.0,
+                _ => (apart / TAU).round(),
+            };
+            (apart - TAU * turns).abs() < tolerance
+        })
     }
 
     fn all_turns(&self, solutions: &[Joints]) -> Vec<Joints> {
         let mut all = solutions.to_vec();
         for (i, limit) in self.limits().iter().enumerate() {
+            if self.kinds()[i] != JointKind::Revolute {
+                continue;
+            }
             let mut turned = Vec::with_capacity(all.len());
             let most = (MOST / all.len().max(1)).max(1);
             for q in &all {
@@ -157,11 +200,4 @@ fn onto(x: f64, limit: &JointLimit) -> Option<f64> {
     (limit.lower - AT_LIMIT..=limit.upper + AT_LIMIT)
         .contains(&x)
         .then(|| x.clamp(limit.lower, limit.upper))
-}
-
-fn is_same(a: &Joints, b: &Joints) -> bool {
-    a.iter().zip(b.iter()).all(|(a, b)| {
-        let turn = a - b;
-        (turn - TAU * (turn / TAU).round()).abs() < SAME
-    })
 }

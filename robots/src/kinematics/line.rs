@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
-use super::chain::Rigid;
+use super::rigid::Rigid;
 
 /// A line: a point and a unit vector.
 #[derive(Clone, Debug)]

@@ -1,12 +1,17 @@
 //! Inverse kinematics by damped Newton iterations from many starting points.
 
-use core::f64::consts::{PI, TAU};
+use core::f64::consts::PI;
 
 use hal::Joints;
 use nalgebra::{Isometry3, Matrix6, Vector6};
 
-use super::chain::Chain;
+use super::chain::{Chain, JointKind};
+use super::redundant;
 
+/// Starting points for a redundant arm once a solution is known: there is always another one.
+const REDUNDANT_STARTS: u32 = 512;
+/// Families of solutions of a redundant arm that are followed, at most.
+const MOST_FAMILIES: u32 = 32;
 /// Most starting points.
 const MOST_STARTS: u32 = 4096;
 /// Starting points that find nothing before a pose counts as out of reach.
@@ -24,7 +29,8 @@ const CONVERGED: f64 = 1e-12;
 const ACCEPTED: f64 = 2e-11;
 /// Solutions closer than this are one: what the error leaves near a singularity \[rad\].
 const SAME: f64 = 1e-6;
-/// A 6-joint arm has no more solutions; of 7 joints, as many are enough to choose from.
+/// A 6-joint arm has no more solutions; of 7 joints, as many within the limits are enough to
+/// choose from.
 const MOST: usize = 16;
 /// Bases of the Halton sequence, one a joint.
 const BASES: [u32; hal::MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17];
@@ -37,48 +43,78 @@ pub(super) fn solve(
     near: &[Joints],
     found: &mut impl FnMut(Joints),
 ) {
-    let mut solutions: Vec<(Joints, u32)> = Vec::new();
-    let mut meet = |q: Joints, solutions: &mut Vec<(Joints, u32)>| {
-        let known = solutions.iter_mut().find(|(other, _)| is_same(other, &q));
-        if let Some((_, meetings)) = known {
-            *meetings += 1;
-        } else {
-            solutions.push((q, 1));
-            found(q);
-        }
+    let mut search = Search {
+        chain,
+        target,
+        redundant: chain.len() > 6,
+        solutions: Vec::new(),
+        families: 0,
     };
     for q in near.iter().filter_map(|q| newton(chain, target, *q)) {
-        meet(q, &mut solutions);
+        search.meet(q, found);
     }
     for index in 1..=MOST_STARTS {
         if let Some(q) = newton(chain, target, start(chain, index)) {
-            meet(q, &mut solutions);
+            search.meet(q, found);
         }
-        let is_over = match index {
-            VAIN_STARTS if solutions.is_empty() => true,
-            LEAST_STARTS.. => {
-                !solutions.is_empty() && solutions.iter().all(|(_, meetings)| *meetings >= MEETINGS)
-            }
-            _ => false,
-        };
-        if is_over || solutions.len() == MOST {
+        if search.is_over(index) {
             return;
         }
     }
 }
 
-/// Whether two joint vectors are one up to full turns.
-pub(super) fn is_same(a: &Joints, b: &Joints) -> bool {
-    a.iter().zip(b.iter()).all(|(a, b)| {
-        let turn = a - b;
-        (turn - TAU * (turn / TAU).round()).abs() < SAME
-    })
+struct Search<'a> {
+    chain: &'a Chain,
+    target: &'a Isometry3<f64>,
+    redundant: bool,
+    /// Solutions met, and how often.
+    solutions: Vec<(Joints, u32)>,
+    /// Families of solutions that were followed before one led inside the limits.
+    families: u32,
+}
+
+impl Search<'_> {
+    fn meet(&mut self, q: Joints, found: &mut impl FnMut(Joints)) {
+        let mut q = q;
+        if self.redundant && self.chain.near_zero(&q).is_none() {
+            // Outside the limits: another member of its family may be inside.
+            if self.solutions.is_empty() {
+                self.families += 1;
+            }
+            match redundant::within_limits(self.chain, self.target, &q) {
+                Some(inside) => q = inside,
+                None => return,
+            }
+        }
+        let known = self
+            .solutions
+            .iter_mut()
+            .find(|(other, _)| self.chain.is_same(other, &q, SAME));
+        if let Some((_, meetings)) = known {
+            *meetings += 1;
+        } else {
+            self.solutions.push((q, 1));
+            found(q);
+        }
+    }
+
+    /// Whether the search ends after `starts` starting points.
+    fn is_over(&self, starts: u32) -> bool {
+        if self.solutions.is_empty() {
+            let in_vain = starts == VAIN_STARTS && self.families == 0;
+            return in_vain || self.families >= MOST_FAMILIES;
+        }
+        let again = |(_, meetings): &(Joints, u32)| *meetings >= MEETINGS;
+        self.solutions.len() == MOST
+            || self.redundant && starts >= REDUNDANT_STARTS
+            || starts >= LEAST_STARTS && self.solutions.iter().all(again)
+    }
 }
 
 /// Point `index` of the Halton sequence, spread over one turn of every joint within its range.
 fn start(chain: &Chain, index: u32) -> Joints {
     let mut q = Joints::from([0.0; hal::MAX_JOINTS]);
-    for (i, limit) in chain.limits().iter().enumerate() {
+    for (i, (limit, kind)) in chain.limits().iter().zip(chain.kinds()).enumerate() {
         let (mut share, mut digit, mut rest) = (0.0, 1.0, index);
         while rest > 0 {
             digit /= f64::from(BASES[i]);
@@ -86,14 +122,18 @@ fn start(chain: &Chain, index: u32) -> Joints {
             rest /= BASES[i];
         }
         let middle = 0.5 * (limit.lower + limit.upper);
-        let half = (0.5 * (limit.upper - limit.lower)).min(PI);
+        let range = 0.5 * (limit.upper - limit.lower);
+        let half = match kind {
+            JointKind::Prismatic => range,
+            _ => range.min(PI),
+        };
         q[i] = middle + half * (2.0 * share - 1.0);
     }
     Joints::from_slice(&q[..chain.len()]).unwrap_or(q)
 }
 
 /// Levenberg-Marquardt on the pose error.
-fn newton(chain: &Chain, target: &Isometry3<f64>, mut q: Joints) -> Option<Joints> {
+pub(super) fn newton(chain: &Chain, target: &Isometry3<f64>, mut q: Joints) -> Option<Joints> {
     let (mut pose, mut jacobian) = chain.forward_jacobian(&q);
     let mut error = difference(&pose, target);
     let mut damping = 1e-2;

@@ -13,7 +13,8 @@ use core::f64::consts::PI;
 use hal::Joints;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-use super::chain::{Chain, Rigid};
+use super::chain::Chain;
+use super::rigid::Rigid;
 use super::line::{Line, rotation};
 use super::solver::Fit;
 

@@ -2,10 +2,11 @@
 
 use hal::guarded::Tool;
 use hal::telemetry::Limit;
-use hal::{Joints, Twist};
-use nalgebra::{Isometry3, Matrix6, SymmetricEigen, Vector6};
+use hal::{Joints, MAX_JOINTS, Twist};
+use nalgebra::{Isometry3, Matrix6, SVector, SymmetricEigen, Vector3, Vector6};
 
 use super::chain::{Chain, Jacobian};
+use super::redundant::{slowed, towards_middle};
 
 /// How twists become joint rates near singularities.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,6 +17,12 @@ pub struct RateSettings {
     pub threshold: f64,
 }
 
+/// Angle \[rad\] and distance \[m\] between the last joint's axis and the tip's z within which
+/// that joint spins the tip: what calibration makes of an axis built along it.
+const ALONE: (f64, f64) = (0.02, 3e-3);
+/// Speed of the tip from which centring has its full rate \[m/s\]: where it stands still, so do
+/// the joints.
+const CENTRED_FROM: f64 = 1e-3;
 /// Twists beyond this are scaled down to it \[m/s, rad/s\].
 const HUGE: f64 = 1e6;
 
@@ -44,16 +51,21 @@ pub struct TwistRates {
 }
 
 impl Chain {
-    /// Joint rates for the twist of the tip's origin, along the axes of the base. An arm of
-    /// seven joints takes the smallest rates that do it. Twists and positions that are not
-    /// finite give standstill, and so do settings that are no positive length and no threshold.
+    /// Joint rates for the twist of the tip's origin, along the axes of the base. Twists and
+    /// positions that are not finite give standstill, and so do settings that are no positive
+    /// length and no threshold.
+    ///
+    /// Of an arm of seven joints, the last one alone turns the tip about its own z, if that is
+    /// the joint's axis: whatever the spin, the others stand still. They take the smallest
+    /// rates that do the rest of the twist, and while the tip moves they drift slowly towards
+    /// the middles of their ranges.
     ///
     /// Directions of motion whose singular value s is below the threshold t are damped:
     /// 1/s becomes s / (s^2 + t^2 - s t), which has no step at t and vanishes in the
     /// singularity. So rates stay below about the twist over t, whatever the pose; then all of
     /// them are scaled into the speed limits of the joints.
     pub fn rates(&self, q: &Joints, twist: &Twist, settings: &RateSettings) -> TwistRates {
-        let jacobian = self.jacobian(q);
+        let (pose, jacobian) = self.forward_jacobian(q);
         let mut out = TwistRates {
             rates: q.zeroed(),
             realised: Twist::zero(),
@@ -75,9 +87,17 @@ impl Chain {
             *twist
         };
         let weight = weights(settings.length);
-        let weighted = weigh(&jacobian, &weight);
+        let spinner = self.spinner(&pose, &jacobian);
+        let weighted = match &spinner {
+            Some(spinner) => weigh(&spinner.jacobian, &weight),
+            None => weigh(&jacobian, &weight),
+        };
         let modes = modes(&weighted);
-        let wanted = modes.eigenvectors.transpose() * twist.to_vector().component_mul(&weight);
+        let task = spinner.as_ref().map_or_else(
+            || twist.to_vector(),
+            |spinner| spinner.task(&twist, &jacobian),
+        );
+        let wanted = modes.eigenvectors.transpose() * task.component_mul(&weight);
         let mut amounts = Vector6::zeros();
         out.dexterity = f64::INFINITY;
         for k in 0..6 {
@@ -94,7 +114,14 @@ impl Chain {
         if out.dexterity < settings.threshold {
             out.limits.push(Limit::Singularity);
         }
-        let rates = weighted.transpose() * (modes.eigenvectors * amounts);
+        let mut rates = weighted.transpose() * (modes.eigenvectors * amounts);
+        if let Some(spinner) = &spinner {
+            if out.dexterity >= settings.threshold {
+                let share = (twist.linear.norm() / CENTRED_FROM).min(1.0);
+                rates += self.centring(q, &weighted, &modes) * share;
+            }
+            spinner.make_up(&mut rates);
+        }
 
         let mut scale = 1.0;
         let mut slowest = None;
@@ -112,6 +139,46 @@ impl Chain {
         out
     }
 
+    /// The last joint, if it is one of seven and turns the tip about its own z.
+    fn spinner(&self, pose: &Isometry3<f64>, jacobian: &Jacobian) -> Option<Spinner> {
+        let spin = self
+            .spin()
+            .filter(|spin| spin.tilt < ALONE.0 && spin.aside < ALONE.1)?;
+        (self.len() == MAX_JOINTS).then(|| {
+            let axis = pose.rotation * Vector3::z();
+            let mut spinner = Spinner {
+                jacobian: *jacobian,
+                axial: SVector::zeros(),
+                axis,
+                sense: spin.sense,
+            };
+            for i in 0..MAX_JOINTS - 1 {
+                let mut angular = spinner.jacobian.fixed_view_mut::<3, 1>(3, i);
+                spinner.axial[i] = angular.dot(&axis);
+                angular -= axis * spinner.axial[i];
+            }
+            let mut last = spinner.jacobian.column_mut(MAX_JOINTS - 1);
+            last.fill(0.0);
+            last.fixed_rows_mut::<3>(3)
+                .copy_from(&(axis * spin.sense));
+            spinner
+        })
+    }
+
+    /// Rates towards the middles of the joints' ranges that leave the tip's axis where it is.
+    fn centring(
+        &self,
+        q: &Joints,
+        weighted: &Jacobian,
+        modes: &SymmetricEigen<f64, nalgebra::Const<6>>,
+    ) -> SVector<f64, MAX_JOINTS> {
+        let wanted = towards_middle(self, q);
+        let moved = modes.eigenvectors.transpose() * (weighted * wanted);
+        let undone = weighted.transpose()
+            * (modes.eigenvectors * moved.component_div(&modes.eigenvalues));
+        slowed(&(wanted - undone))
+    }
+
     /// Smallest singular value of the Jacobian at `q`, linear velocities divided by `length`
     /// \[m\]: 0 in a singularity, and for what is not finite.
     pub fn dexterity(&self, q: &Joints, length: f64) -> f64 {
@@ -120,6 +187,32 @@ impl Chain {
         }
         let weighted = weigh(&self.jacobian(q), &weights(length));
         modes(&weighted).eigenvalues.min().max(0.0).sqrt()
+    }
+}
+
+/// A last joint that spins the tip alone.
+struct Spinner {
+    /// The Jacobian with the spin left to the last joint.
+    jacobian: Jacobian,
+    /// Spin that each other joint gives the tip.
+    axial: SVector<f64, MAX_JOINTS>,
+    axis: Vector3<f64>,
+    sense: f64,
+}
+
+impl Spinner {
+    /// The twist as this Jacobian gives it. An axis that is slightly off the tip's z moves the
+    /// tip when it turns: the other joints take that back.
+    fn task(&self, twist: &Twist, jacobian: &Jacobian) -> Vector6<f64> {
+        let last = MAX_JOINTS - 1;
+        let rate = self.sense * self.axis.dot(&twist.angular);
+        twist.to_vector() - (jacobian.column(last) - self.jacobian.column(last)) * rate
+    }
+
+    /// The last joint makes up for the spin that the others give.
+    fn make_up(&self, rates: &mut SVector<f64, MAX_JOINTS>) {
+        let spin = self.axial.dot(rates);
+        rates[MAX_JOINTS - 1] -= self.sense * spin;
     }
 }
 

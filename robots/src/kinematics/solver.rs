@@ -90,6 +90,11 @@ impl Solver {
         numeric::solve(chain, base_from_tip, &starts, &mut found);
     }
 
+    /// Whether all solutions are found.
+    pub(super) fn is_exact(&self) -> bool {
+        matches!(self, Self::Exact(_))
+    }
+
     pub(super) fn opw(&self) -> Option<&OpwParameters> {
         match self {
             Self::Exact(Analytic::Opw(opw)) => Some(opw.parameters()),

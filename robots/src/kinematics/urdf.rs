@@ -1,239 +1,225 @@
 //! From the text of a URDF to a [`Chain`], with errors that name the element.
 
-use core::ops::Range;
+pub(super) mod error;
+mod mimic;
+mod outline;
+mod scan;
+mod section;
+
+use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 
-use hal::{JointLimit, MAX_JOINTS};
+use hal::JointLimit;
 use nalgebra::{Rotation3, Vector3};
-use quick_xml::events::{BytesStart, Event};
-use urdf_rs::{Joint, JointType, Robot};
+use urdf_rs::{Joint, JointType};
 
-use super::chain::{Chain, Revolute, Rigid};
-use super::urdf_error::UrdfError;
+use super::chain::{Chain, ENDLESS, Independent, Placed};
+use super::rigid::{Rigid, z_onto};
+use error::UrdfError;
+use scan::{Scan, scan};
+pub use outline::arm_sections;
+pub use section::Section;
 
 /// Acceleration \[rad/s2\] and jerk \[rad/s3\] of a joint for which the URDF gives none.
 const DEFAULT_DYNAMICS: (f64, f64) = (4.0, 40.0);
 /// The same for the last joint, which turns little mass.
 const LAST_JOINT_DYNAMICS: (f64, f64) = (40.0, 400.0);
 
-pub(super) fn read(xml: &str, tip: &str) -> Result<Chain, UrdfError> {
-    let Scanned {
-        with_limits,
-        elements,
-    } = scan(xml)?;
-    let robot =
-        urdf_rs::read_from_string(xml).map_err(|error| whose_fault(xml, elements, error))?;
-    let parents = tree(&robot)?;
-    if !robot.links.iter().any(|link| link.name == tip) {
-        return Err(unknown_link(&robot, tip, "the caller"));
+pub(super) fn read(xml: &str, section: &Section) -> Result<Chain, UrdfError> {
+    let scan = scan(xml)?;
+    let (base, path) = path(&scan, section)?;
+    let joints = parse(&scan, &path)?;
+    section.check_held(&joints)?;
+    let followers = mimic::followers(&joints, section)?;
+
+    let mut independent: Vec<Independent> = Vec::new();
+    for (scanned, joint) in path.iter().zip(&joints) {
+        let moves = !section.holds(&joint.name) && !followers.contains_key(joint.name.as_str());
+        if joint.joint_type == JointType::Fixed || !moves {
+            continue;
+        }
+        independent.push(Independent {
+            name: joint.name.clone(),
+            kind: section.admit(joint)?,
+            limit: limit(joint, scanned.has_limit)?,
+        });
+    }
+    section.check_count(&base, &joints, &independent)?;
+    for (joint, scanned) in joints.iter().zip(&path) {
+        if let Some(follower) = followers.get(joint.name.as_str()) {
+            section.admit(joint)?;
+            let own = scanned.has_limit.then(|| limit(joint, true)).transpose()?;
+            follower.narrow(joint, own.as_ref(), &mut independent)?;
+        }
     }
 
-    let mut path = Vec::new();
-    let mut link = tip;
-    while let Some(joint) = parents.get(link) {
-        path.push(*joint);
-        link = &joint.parent.link;
-    }
-    let base = link.to_owned();
-
-    let mut revolute: Vec<Revolute> = Vec::new();
+    let mut placed = Vec::with_capacity(joints.len());
     let mut pending = Rigid::IDENTITY;
-    for joint in path.into_iter().rev() {
+    for joint in &joints {
         pending = pending.then(&origin(joint)?);
         if joint.joint_type == JointType::Fixed {
             continue;
         }
-        revolute.push(Revolute {
-            name: joint.name.clone(),
-            origin: core::mem::replace(&mut pending, Rigid::IDENTITY),
-            axis: axis(joint)?,
-            limit: limit(joint, with_limits.contains(&joint.name))?,
-        });
-    }
-    if !(6..=MAX_JOINTS).contains(&revolute.len()) {
-        return Err(UrdfError::JointCount {
-            base,
-            tip: tip.to_owned(),
-            found: revolute.len(),
-        });
-    }
-    if let Some(last) = revolute.last_mut() {
-        let (acceleration, jerk) = LAST_JOINT_DYNAMICS;
-        fill_dynamics(&mut last.limit, acceleration, jerk);
-    }
-    for joint in &mut revolute {
-        let (acceleration, jerk) = DEFAULT_DYNAMICS;
-        fill_dynamics(&mut joint.limit, acceleration, jerk);
-    }
-    Ok(Chain::assemble(base, tip.to_owned(), revolute, pending))
-}
-
-/// What a joint has at most once.
-const ONCE: [&str; 6] = ["origin", "parent", "child", "axis", "limit", "mimic"];
-
-/// A joint, link or other child of the robot.
-struct Element {
-    kind: String,
-    name: String,
-    bytes: Range<usize>,
-}
-
-struct Scanned {
-    with_limits: HashSet<String>,
-    elements: Vec<Element>,
-}
-
-/// Finds what the parser would report without a name, or fill in silently: elements given
-/// twice in a joint, which joints have limits, and where everything is.
-fn scan(xml: &str) -> Result<Scanned, UrdfError> {
-    let mut reader = quick_xml::Reader::from_str(xml);
-    let mut scanned = Scanned {
-        with_limits: HashSet::new(),
-        elements: Vec::new(),
-    };
-    let mut depth = 0_usize;
-    let mut joint: Option<(String, HashSet<String>)> = None;
-    loop {
-        let begin = position(&reader);
-        let event = reader.read_event().map_err(|source| UrdfError::Xml {
-            byte: reader.error_position(),
-            source,
+        let axis = axis(joint)?;
+        let slides = joint.joint_type == JointType::Prismatic;
+        let follower = followers.get(joint.name.as_str());
+        let leader = follower.map_or(joint.name.as_str(), |follower| follower.leader);
+        let (ratio, offset) = follower.map_or((1.0, 0.0), |follower| (follower.ratio, follower.offset));
+        if let Some(position) = section.held_at(leader) {
+            pending = pending.then(&displaced(&axis, slides, ratio * position + offset));
+            continue;
+        }
+        let known = independent.iter().position(|joint| joint.name == leader);
+        let index = known.ok_or_else(|| UrdfError::Mimic {
+            joint: joint.name.clone(),
+            mimicked: leader.to_owned(),
         })?;
-        match &event {
-            Event::Start(element) | Event::Empty(element) => {
-                let tag = String::from_utf8_lossy(element.name().as_ref()).into_owned();
-                match (depth, &mut joint) {
-                    (1, _) => {
-                        scanned.elements.push(Element {
-                            kind: tag.clone(),
-                            name: attribute_name(element),
-                            bytes: begin..position(&reader),
-                        });
-                        joint = (tag == "joint").then(|| (attribute_name(element), HashSet::new()));
-                    }
-                    (2, Some((name, seen))) => {
-                        if tag == "limit" {
-                            scanned.with_limits.insert(name.clone());
-                        }
-                        if ONCE.contains(&tag.as_str()) && !seen.insert(tag.clone()) {
-                            return Err(UrdfError::RepeatedElement {
-                                joint: name.clone(),
-                                element: tag,
-                            });
-                        }
-                    }
-                    _ => {}
-                }
-                if matches!(event, Event::Start(_)) {
-                    depth += 1;
-                }
-            }
-            Event::End(_) => {
-                depth = depth.saturating_sub(1);
-                if let Some(last) = scanned.elements.last_mut().filter(|_| depth == 1) {
-                    last.bytes.end = position(&reader);
-                }
-            }
-            Event::Eof => return Ok(scanned),
-            _ => {}
-        }
+        placed.push(Placed {
+            origin: core::mem::replace(&mut pending, Rigid::IDENTITY),
+            axis,
+            slides,
+            joint: index,
+            ratio,
+            offset,
+        });
+    }
+    if let Some(last) = independent.last_mut() {
+        fill_dynamics(&mut last.limit, LAST_JOINT_DYNAMICS);
+    }
+    for joint in &mut independent {
+        fill_dynamics(&mut joint.limit, DEFAULT_DYNAMICS);
+    }
+    let tip = section.tip().to_owned();
+    Ok(Chain::assemble(base, tip, independent, placed, pending))
+}
+
+/// The text of a file.
+pub(super) fn decode(file: &[u8]) -> Cow<'_, str> {
+    let units = |of: fn([u8; 2]) -> u16| -> Vec<u16> {
+        let pairs = file.chunks_exact(2);
+        pairs.map(|pair| of([pair[0], pair[1]])).collect()
+    };
+    match file {
+        [0xff, 0xfe, ..] => String::from_utf16_lossy(&units(u16::from_le_bytes)).into(),
+        [0xfe, 0xff, ..] => String::from_utf16_lossy(&units(u16::from_be_bytes)).into(),
+        _ => String::from_utf8_lossy(file),
     }
 }
 
-fn position(reader: &quick_xml::Reader<&[u8]>) -> usize {
-    usize::try_from(reader.buffer_position()).unwrap_or(usize::MAX)
-}
-
-/// The parser's error with the name of the element that it is about: the first that the parser
-/// does not take alone either.
-fn whose_fault(xml: &str, elements: Vec<Element>, error: urdf_rs::UrdfError) -> UrdfError {
-    for Element { kind, name, bytes } in elements {
-        let alone = format!(
-            "<robot name=\"alone\">{}</robot>",
-            xml.get(bytes).unwrap_or_default()
-        );
-        if let Err(source) = urdf_rs::read_from_string(&alone) {
-            return UrdfError::Element { kind, name, source };
+/// The base link of the section and its joints, base to tip.
+fn path<'a>(
+    scan: &'a Scan,
+    section: &Section,
+) -> Result<(String, Vec<&'a scan::Joint>), UrdfError> {
+    if scan.links.is_empty() {
+        let mut others: Vec<String> = scan.others.iter().cloned().collect();
+        others.sort();
+        return Err(UrdfError::NoLinks { others });
+    }
+    let parents = parents(scan)?;
+    let tip = section.tip();
+    for link in [Some(tip), section.base()].into_iter().flatten() {
+        if !scan.links.iter().any(|known| known == link) {
+            return Err(unknown_link(scan, link, "the caller"));
         }
     }
-    UrdfError::NotUrdf(error)
-}
-
-fn attribute_name(element: &BytesStart<'_>) -> String {
-    element
-        .attributes()
-        .flatten()
-        .find(|attribute| attribute.key.as_ref() == b"name")
-        .map_or_else(
-            || "(unnamed)".to_owned(),
-            |attribute| String::from_utf8_lossy(&attribute.value).into_owned(),
-        )
-}
-
-/// Checks that the links form one tree; returns the joint above each link.
-fn tree(robot: &Robot) -> Result<HashMap<&str, &Joint>, UrdfError> {
-    let mut links = HashSet::new();
-    let mut joints = HashSet::new();
-    for (names, name) in robot
-        .links
-        .iter()
-        .map(|link| (true, &link.name))
-        .chain(robot.joints.iter().map(|joint| (false, &joint.name)))
+    let mut path = Vec::new();
+    let mut link = tip;
+    while section.base() != Some(link)
+        && let Some((joint, parent)) = parents.get(link)
     {
-        let set = if names { &mut links } else { &mut joints };
+        path.push(*joint);
+        link = parent;
+        if path.len() > scan.joints.len() {
+            return Err(UrdfError::Loop {
+                link: link.to_owned(),
+            });
+        }
+    }
+    if let Some(base) = section.base().filter(|base| *base != link) {
+        let above: Vec<&str> = path.iter().filter_map(|j| j.parent.as_deref()).collect();
+        return Err(UrdfError::NotAbove {
+            base: base.to_owned(),
+            tip: tip.to_owned(),
+            above: above.join(", "),
+        });
+    }
+    path.reverse();
+    Ok((link.to_owned(), path))
+}
+
+/// Joint and link above each link; the links must form one tree.
+fn parents(scan: &Scan) -> Result<HashMap<&str, (&scan::Joint, &str)>, UrdfError> {
+    let mut links = HashSet::new();
+    let mut names = HashSet::new();
+    let links_and_joints = scan.links.iter().map(|link| (true, link));
+    for (is_link, name) in links_and_joints.chain(scan.joints.iter().map(|j| (false, &j.name))) {
+        let set = if is_link { &mut links } else { &mut names };
         if !set.insert(name.as_str()) {
             return Err(UrdfError::RepeatedName { name: name.clone() });
         }
     }
-
-    let mut parents: HashMap<&str, &Joint> = HashMap::new();
-    for joint in &robot.joints {
-        for link in [&joint.parent.link, &joint.child.link] {
-            if !links.contains(link.as_str()) {
-                return Err(unknown_link(robot, link, &joint.name));
+    let mut parents: HashMap<&str, (&scan::Joint, &str)> = HashMap::new();
+    for joint in &scan.joints {
+        let end = |link: &'_ Option<String>, element| match link {
+            Some(link) if !links.contains(link.as_str()) => {
+                Err(unknown_link(scan, link, &format!("joint {}", joint.name)))
             }
-        }
-        if let Some(first) = parents.insert(&joint.child.link, joint) {
+            Some(_) => Ok(()),
+            None => Err(UrdfError::Unconnected {
+                joint: joint.name.clone(),
+                element,
+            }),
+        };
+        end(&joint.parent, "parent")?;
+        end(&joint.child, "child")?;
+        let (Some(parent), Some(child)) = (&joint.parent, &joint.child) else {
+            continue;
+        };
+        if let Some((first, _)) = parents.insert(child, (joint, parent)) {
             return Err(UrdfError::TwoParents {
-                link: joint.child.link.clone(),
+                link: child.clone(),
                 first: first.name.clone(),
                 second: joint.name.clone(),
             });
         }
     }
-
-    let mut root: Option<&str> = None;
-    for link in &robot.links {
-        let (mut top, mut steps) = (link.name.as_str(), 0);
-        while let Some(joint) = parents.get(top) {
-            top = &joint.parent.link;
-            steps += 1;
-            if steps > robot.joints.len() {
-                return Err(UrdfError::Loop {
-                    link: top.to_owned(),
-                });
-            }
-        }
-        match root {
-            Some(first) if first != top => {
-                return Err(UrdfError::TwoRoots {
-                    first: first.to_owned(),
-                    second: top.to_owned(),
-                });
-            }
-            _ => root = Some(top),
-        }
+    let mut roots = scan.links.iter().filter(|link| !parents.contains_key(link.as_str()));
+    match (roots.next(), roots.next()) {
+        (Some(first), Some(second)) => Err(UrdfError::TwoRoots {
+            first: first.clone(),
+            second: second.clone(),
+        }),
+        _ => Ok(parents),
     }
-    Ok(parents)
 }
 
-fn unknown_link(robot: &Robot, link: &str, by: &str) -> UrdfError {
-    let known: Vec<&str> = robot.links.iter().map(|link| link.name.as_str()).collect();
+fn unknown_link(scan: &Scan, link: &str, by: &str) -> UrdfError {
     UrdfError::UnknownLink {
         link: link.to_owned(),
         by: by.to_owned(),
-        known: known.join(", "),
+        known: scan.links.join(", "),
     }
+}
+
+/// The joints of the path as the parser reads them.
+fn parse(scan: &Scan, path: &[&scan::Joint]) -> Result<Vec<Joint>, UrdfError> {
+    let robot = |joints: &str| {
+        let text = format!("<robot name=\"chain\"{}>{joints}</robot>", scan.version);
+        urdf_rs::read_from_string(&text)
+    };
+    let all: String = path.iter().map(|joint| joint.xml.as_str()).collect();
+    robot(&all).map(|robot| robot.joints).map_err(|error| {
+        // The first that the parser does not take alone either.
+        let culprit = path.iter().find_map(|joint| {
+            let source = robot(&joint.xml).err()?;
+            Some(UrdfError::Joint {
+                joint: joint.name.clone(),
+                source,
+            })
+        });
+        culprit.unwrap_or(UrdfError::NotUrdf(error))
+    })
 }
 
 fn origin(joint: &Joint) -> Result<Rigid, UrdfError> {
@@ -268,37 +254,37 @@ fn axis(joint: &Joint) -> Result<Vector3<f64>, UrdfError> {
     Ok((axis / size).normalize())
 }
 
+/// A joint held still at `position` along or about its axis.
+fn displaced(axis: &Vector3<f64>, slides: bool, position: f64) -> Rigid {
+    let onto_axis = Rigid {
+        rotation: z_onto(axis),
+        translation: Vector3::zeros(),
+    };
+    let moved = if slides {
+        onto_axis.slid(position)
+    } else {
+        onto_axis.turned(position)
+    };
+    moved.then(&onto_axis.inverse())
+}
+
+/// Limits of a joint; a speed that is not known is 0.
 fn limit(joint: &Joint, given: bool) -> Result<JointLimit, UrdfError> {
     let name = || joint.name.clone();
-    let found = match joint.joint_type {
-        JointType::Revolute | JointType::Fixed => None,
-        JointType::Continuous => Some("continuous"),
-        JointType::Prismatic => Some("prismatic"),
-        JointType::Floating => Some("floating"),
-        JointType::Planar => Some("planar"),
-        JointType::Spherical => Some("spherical"),
-    };
-    if let Some(found) = found {
-        let joint = name();
-        return Err(UrdfError::JointType { joint, found });
-    }
-    if let Some(mimic) = &joint.mimic {
-        return Err(UrdfError::Mimic {
-            joint: name(),
-            mimicked: mimic.joint.clone(),
-        });
-    }
-    if !given {
-        return Err(UrdfError::MissingLimits { joint: name() });
-    }
     let urdf_rs::JointLimit {
-        lower,
-        upper,
+        mut lower,
+        mut upper,
         velocity,
         acceleration,
         jerk,
         ..
     } = joint.limit;
+    let endless = joint.joint_type == JointType::Continuous;
+    if endless {
+        (lower, upper) = (-ENDLESS, ENDLESS);
+    } else if !given {
+        return Err(UrdfError::MissingLimits { joint: name() });
+    }
     if ![lower, upper, velocity].iter().all(|x| x.is_finite())
         || acceleration.is_nan()
         || jerk.is_nan()
@@ -308,24 +294,24 @@ fn limit(joint: &Joint, given: bool) -> Result<JointLimit, UrdfError> {
             element: "limit",
         });
     }
-    if lower >= upper || [velocity, acceleration, jerk].iter().any(|x| *x <= 0.0) {
+    if lower >= upper {
         return Err(UrdfError::NoTravel {
             joint: name(),
             lower,
             upper,
-            velocity,
         });
     }
+    let unless_none = |x: f64| if x > 0.0 { x } else { f64::INFINITY };
     Ok(JointLimit {
         lower,
         upper,
-        velocity,
-        acceleration,
-        jerk,
+        velocity: velocity.max(0.0),
+        acceleration: unless_none(acceleration),
+        jerk: unless_none(jerk),
     })
 }
 
-fn fill_dynamics(limit: &mut JointLimit, acceleration: f64, jerk: f64) {
+fn fill_dynamics(limit: &mut JointLimit, (acceleration, jerk): (f64, f64)) {
     if limit.acceleration.is_infinite() {
         limit.acceleration = acceleration;
     }

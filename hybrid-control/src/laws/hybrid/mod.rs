@@ -3,6 +3,7 @@
 
 mod plan;
 
+use core::f64::consts::TAU;
 use core::time::Duration;
 
 use hal::telemetry::SteeringMode;
@@ -17,7 +18,8 @@ use crate::view::{Decision, Law, View, blank_report};
 use plan::Plan;
 
 /// Travel that turns of the bevel leave unused on either side, beyond the guard's \[rad\]: with
-/// it they stay inside three quarters of a turn of an arm with one turn to either side.
+/// it they stay inside three quarters of a turn of an arm with one turn to either side. An arm
+/// with less than a turn in all has nothing to leave.
 const TURN_RESERVE: f64 = 1.2;
 
 /// Part of the base's gain that noise takes away at most.
@@ -122,7 +124,7 @@ impl Law for Hybrid {
             &self.plan.curvature,
             azimuth,
             advanced,
-            &view.roll_travel.within(TURN_RESERVE),
+            &view.roll_travel.within_spare(TURN_RESERVE, 0.0, TAU),
             spin_max,
             view.dt,
         );

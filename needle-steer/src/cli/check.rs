@@ -1,0 +1,69 @@
+//! `check`: a configuration, and whether its arm can carry out the insertion.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use robots::kinematics::Chain;
+
+use super::Usage;
+use crate::config::{self, Config};
+use crate::rig::{self, Course, Demand};
+
+/// Check a configuration, and whether its arm can carry out the insertion.
+#[derive(Debug, Args)]
+pub(super) struct CheckArgs {
+    /// Configuration file (TOML); without it, the defaults.
+    config: Option<PathBuf>,
+    /// Change one key of the configuration: key=value, the value in TOML.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Look for a place for the arm's base from which it can insert, and print its keys.
+    #[arg(long)]
+    suggest: bool,
+}
+
+pub(super) fn execute(args: &CheckArgs) -> anyhow::Result<ExitCode> {
+    let config = config::load(args.config.as_deref(), &args.set)?;
+    let chain = rig::chain(&config).map_err(|e| Usage(e.to_string()))?;
+    let mut out = std::io::stdout().lock();
+    if args.suggest {
+        rig::check_chain(&chain).map_err(|e| Usage(e.to_string()))?;
+        return suggest(&config, &chain, &mut out);
+    }
+    let start = rig::start(&config, &chain, &rig::arm_place(&config))
+        .map_err(|e| Usage(e.to_string()))?;
+    let name = args.config.as_ref().map(|file| file.display().to_string());
+    writeln!(out, "{}: valid", name.as_deref().unwrap_or("defaults"))?;
+    writeln!(out, "arm: {}", margins(&config, &chain, &start.course))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What the insertion leaves the arm, in words.
+pub(super) fn margins(config: &Config, chain: &Chain, course: &Course) -> String {
+    let depth = Demand::of(config).depth * 1e3;
+    if course.room.is_infinite() {
+        return format!("a straight insertion of {depth:.0} mm fits");
+    }
+    let joint = chain.names().get(course.joint).map_or("", String::as_str);
+    format!(
+        "a straight insertion of {depth:.0} mm fits; {joint} comes within {:.1} deg of its end",
+        course.room.to_degrees()
+    )
+}
+
+fn suggest(config: &Config, chain: &Chain, out: &mut impl Write) -> anyhow::Result<ExitCode> {
+    let Some(place) = rig::suggest(config, chain) else {
+        anyhow::bail!(
+            "no place for the arm's base was found from which it can carry out this insertion; a \
+             shallower target or one less far aside (target.depth_mm, target.offset_mm), or \
+             another tissue.inward, asks less of it"
+        );
+    };
+    writeln!(out, "# {}", margins(config, chain, &place.course))?;
+    writeln!(out, "[arm]")?;
+    writeln!(out, "base_mm = {:?}", place.base_mm)?;
+    writeln!(out, "base_rpy_deg = {:?}", place.base_rpy_deg)?;
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,387 @@
+//! Whether an arm can carry out an insertion, found before anything moves.
+
+use core::f64::consts::TAU;
+
+use hal::{Joints, Twist};
+use nalgebra::{Isometry3, Rotation3, Unit, UnitQuaternion, Vector3};
+use robots::kinematics::{Chain, JointKind, RateSettings};
+
+use crate::config::{Config, TargetKind};
+use crate::roll::spin_limit;
+
+/// Angle \[rad\] and distance \[m\] of the needle from the axis of the joint that turns it, beyond
+/// which the other joints would have to swing the holder round with every turn.
+const OFF_AXIS: (f64, f64) = (0.0175, 2e-3);
+/// Least travel of that joint \[rad\]: with 300 degrees the bevel can go to and fro.
+const LEAST_TURN: f64 = 300.0 / 360.0 * TAU - 1e-6;
+/// Distance that the joints keep from their ends on the way \[rad\]: what the guard keeps, and
+/// room for the base to steer.
+const ROOM: f64 = 0.035;
+/// Step along the insertion \[m\], one a second: the speed at which joints to spare are centred.
+const STEP: f64 = 1e-3;
+/// Way between the places where the base is tilted to all sides \[m\].
+const TILTED_EVERY: f64 = 0.01;
+/// Directions in which it is tilted.
+const SIDES: u32 = 8;
+/// Least tilt that an insertion may need \[rad\], for an aligned target.
+const LEAST_TILT: f64 = 0.035;
+/// Straight insertion before the target is set, at most \[m\].
+const STRAIGHT: f64 = 0.013;
+/// Distance from a wanted pose that shows that the arm cannot follow \[m\], \[rad\].
+const ASTRAY: (f64, f64) = (1e-3, 0.01);
+
+/// Why an arm cannot carry out the insertion; nothing moved.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Misfit {
+    /// Joints whose speed is not known.
+    #[error(
+        "the URDF gives no speed for {joints} (velocity of <limit> is 0 or missing): \
+         arm.joint_speed_deg_s gives it"
+    )]
+    NoSpeed {
+        /// Their names.
+        joints: String,
+    },
+    /// The needle is not along the axis of the joint that turns it.
+    #[error(
+        "z of {tip} is {tilt_deg:.1} degrees off the axis of {joint}, which must turn the needle, \
+         and its origin {aside_mm:.1} mm beside it; {remedy}"
+    )]
+    OffAxis {
+        /// The tip link.
+        tip: String,
+        /// The joint.
+        joint: String,
+        /// Angle between them \[deg\].
+        tilt_deg: f64,
+        /// Distance of the tip from the axis \[mm\].
+        aside_mm: f64,
+        /// Keys that put the needle onto the axis.
+        remedy: String,
+    },
+    /// The joint that turns the needle has not enough travel.
+    #[error(
+        "{joint} must turn the needle, but turns from {lower_deg:.1} to {upper_deg:.1} deg only: \
+         {travel_deg:.1} of the 300 deg that steering needs"
+    )]
+    ShortTurn {
+        /// The joint.
+        joint: String,
+        /// Its ends \[deg\].
+        lower_deg: f64,
+        /// See `lower_deg`.
+        upper_deg: f64,
+        /// Its travel \[deg\].
+        travel_deg: f64,
+    },
+    /// A joint starts at its end.
+    #[error(
+        "{joint} starts at its end ({position_deg:.1} of {lower_deg:.1} to {upper_deg:.1} deg) and \
+         has no room{PLACE}"
+    )]
+    StartsAtEnd {
+        /// The joint.
+        joint: String,
+        /// Where it starts \[deg\].
+        position_deg: f64,
+        /// Its ends \[deg\].
+        lower_deg: f64,
+        /// See `lower_deg`.
+        upper_deg: f64,
+    },
+    /// A joint comes to its end on the way.
+    #[error(
+        "{joint} comes to its end ({end_deg:.1} deg) {depth_mm:.0} mm deep{tilted}; the insertion \
+         needs {needed_mm:.0} mm{PLACE}"
+    )]
+    MeetsEnd {
+        /// The joint.
+        joint: String,
+        /// The end \[deg\].
+        end_deg: f64,
+        /// Depth of the tip \[mm\].
+        depth_mm: f64,
+        /// Depth of the whole insertion \[mm\].
+        needed_mm: f64,
+        /// The tilt of the base that leads there, in words; empty without.
+        tilted: String,
+    },
+    /// The arm comes to a singularity or to the end of its reach on the way.
+    #[error(
+        "the arm comes to a singularity or the end of its reach {depth_mm:.0} mm deep{tilted}; the \
+         insertion needs {needed_mm:.0} mm{PLACE}"
+    )]
+    Singular {
+        /// Depth of the tip \[mm\].
+        depth_mm: f64,
+        /// Depth of the whole insertion \[mm\].
+        needed_mm: f64,
+        /// The tilt of the base that leads there, in words; empty without.
+        tilted: String,
+    },
+}
+
+/// What helps against a bad place.
+const PLACE: &str = "; needle-steer check --suggest looks for a place to stand";
+
+/// What does not depend on where the arm stands: speeds, and the joint that turns the needle.
+///
+/// # Errors
+/// See [`Misfit`].
+pub fn check_chain(chain: &Chain) -> Result<(), Misfit> {
+    let missing: Vec<&str> = chain.without_speed().collect();
+    if !missing.is_empty() {
+        return Err(Misfit::NoSpeed {
+            joints: missing.join(", "),
+        });
+    }
+    let joint = chain.names().last().cloned().unwrap_or_default();
+    let spin = chain.spin();
+    if spin.is_none_or(|spin| spin.tilt > OFF_AXIS.0 || spin.aside > OFF_AXIS.1) {
+        return Err(Misfit::OffAxis {
+            tip: chain.tip().to_owned(),
+            joint,
+            tilt_deg: spin.map_or(90.0, |spin| spin.tilt.to_degrees()),
+            aside_mm: spin.map_or(0.0, |spin| spin.aside * 1e3),
+            remedy: onto_axis(chain),
+        });
+    }
+    match spin_limit(chain) {
+        Some(limit) if limit.upper - limit.lower < LEAST_TURN => Err(Misfit::ShortTurn {
+            joint,
+            lower_deg: limit.lower.to_degrees(),
+            upper_deg: limit.upper.to_degrees(),
+            travel_deg: (limit.upper - limit.lower).to_degrees(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// The keys that turn and move the needle onto the axis of the last joint, its z the way that is
+/// nearer; at a right angle, the way that leads away from the joint before.
+fn onto_axis(chain: &Chain) -> String {
+    let Some(tip_from_tool) = chain.tool_on_last_axis() else {
+        return "no turn of the needle can help".to_owned();
+    };
+    let mm = tip_from_tool.translation.vector * 1e3;
+    let (roll, pitch, yaw) = tip_from_tool.rotation.euler_angles();
+    let deg = [roll, pitch, yaw].map(|x| tidy(x.to_degrees()));
+    let mut remedy = format!("arm.tip_rpy_deg = {deg:?}");
+    if mm.norm() > OFF_AXIS.1 * 1e3 {
+        let mm = [mm.x, mm.y, mm.z].map(tidy);
+        remedy = format!("{remedy} and arm.tip_mm = {mm:?}");
+    }
+    format!("{remedy} would put the needle onto it")
+}
+
+/// Rounded to what a person would write.
+fn tidy(x: f64) -> f64 {
+    let rounded = (x * 1e3).round() * 1e-3;
+    // No minus before zero.
+    if rounded == 0.0 { 0.0 } else { (rounded * 1e3).round() / 1e3 }
+}
+
+/// What an insertion asks of an arm's place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Demand {
+    /// Depth of the tip at the end \[m\].
+    pub depth: f64,
+    /// Tilt of the base about the entry, to any side \[rad\].
+    pub tilt: f64,
+    /// From the needle's base to its tip \[m\].
+    pub length: f64,
+}
+
+impl Demand {
+    /// What `config` asks.
+    pub fn of(config: &Config) -> Self {
+        let length = config.needle.length_mm * 1e-3;
+        let target = &config.target;
+        let (ahead, aside) = match target.kind {
+            TargetKind::Aligned => (target.depth_mm, 0.0),
+            TargetKind::Shifted | TargetKind::Marker => (target.depth_mm, target.offset_mm),
+            // Where it lies is known when the cameras see it.
+            TargetKind::Stereo => (0.5 * config.needle.length_mm, 0.0),
+        };
+        let tilt = (aside / ahead.max(1.0)).atan().max(LEAST_TILT);
+        // Half of what the limits admit is what a target may ask for.
+        let most = (0.5 * config.limits.tilt_deg.to_radians())
+            .min(config.limits.base_offset_mm / config.needle.length_mm);
+        Self {
+            depth: (ahead * 1e-3 + STRAIGHT).min(length),
+            tilt: tilt.min(most),
+            length,
+        }
+    }
+}
+
+/// An insertion that the arm can carry out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Course {
+    /// Least distance of a joint from its end, on the straight way \[rad\].
+    pub room: f64,
+    /// The joint.
+    pub joint: usize,
+    /// Least dexterity; see [`Chain::dexterity`].
+    pub dexterity: f64,
+}
+
+/// Follows the straight insertion from the joints `start`, and tilts the base to all sides on
+/// the way.
+///
+/// # Errors
+/// The joint, or the singularity, that the arm comes to.
+pub fn follow(chain: &Chain, start: &Joints, demand: &Demand) -> Result<Course, Misfit> {
+    let first = chain.forward(start);
+    let mut course = Course {
+        room: f64::INFINITY,
+        joint: 0,
+        dexterity: f64::INFINITY,
+    };
+    let mut q = *start;
+    let steps = (demand.depth / STEP).ceil();
+    let mut tilted_at = 0.0;
+    let mut k = 0.0;
+    while k <= steps {
+        let depth = (k * STEP).min(demand.depth);
+        let pose = first * nalgebra::Translation3::new(0.0, 0.0, depth);
+        let stopped = Stopped {
+            depth,
+            needed: demand.depth,
+            tilted: String::new(),
+        };
+        q = if k == 0.0 {
+            stopped.inside(chain, &q)?;
+            q
+        } else {
+            stopped.reach(chain, &q, &pose)?
+        };
+        let (room, joint) = least_room(chain, &q);
+        if room < course.room {
+            (course.room, course.joint) = (room, joint);
+        }
+        course.dexterity = course.dexterity.min(chain.dexterity(&q, LENGTH));
+        if depth >= tilted_at {
+            tilted_at += TILTED_EVERY;
+            tilt_to_all_sides(chain, &q, &pose, depth, demand)?;
+        }
+        k += 1.0;
+    }
+    Ok(course)
+}
+
+/// Length by which linear velocities are divided \[m\].
+const LENGTH: f64 = 0.1;
+
+/// Tilts the base about the entry.
+fn tilt_to_all_sides(
+    chain: &Chain,
+    q: &Joints,
+    pose: &Isometry3<f64>,
+    depth: f64,
+    demand: &Demand,
+) -> Result<(), Misfit> {
+    let entry = pose * nalgebra::Point3::new(0.0, 0.0, demand.length - depth);
+    for side in 0..SIDES {
+        let azimuth = TAU * f64::from(side) / f64::from(SIDES);
+        let across = pose.rotation * Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
+        let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(across), demand.tilt);
+        let about = Isometry3::from_parts(entry.coords.into(), turn)
+            * nalgebra::Translation3::from(-entry.coords);
+        let stopped = Stopped {
+            depth,
+            needed: demand.depth,
+            tilted: format!(", its base tilted by {:.0} deg", demand.tilt.to_degrees()),
+        };
+        stopped.reach(chain, q, &(about * pose))?;
+    }
+    Ok(())
+}
+
+/// Where an insertion may come to its end.
+struct Stopped {
+    depth: f64,
+    needed: f64,
+    tilted: String,
+}
+
+impl Stopped {
+    /// Joints for `pose`, reached from `q` as the run would.
+    fn reach(&self, chain: &Chain, q: &Joints, pose: &Isometry3<f64>) -> Result<Joints, Misfit> {
+        /// Steps in which a pose is approached.
+        const APPROACH: usize = 8;
+        let mut q = *q;
+        for _ in 0..APPROACH {
+            let here = chain.forward(&q);
+            let (linear, angular) = apart(&here, pose);
+            if linear.norm() < 0.05 * ASTRAY.0 && angular.norm() < 0.05 * ASTRAY.1 {
+                break;
+            }
+            let rates = chain.rates(&q, &Twist { linear, angular }, &RateSettings::default());
+            q = q.zip(&rates.rates, |q, rate| q + rate);
+        }
+        self.inside(chain, &q)?;
+        let (linear, angular) = apart(&chain.forward(&q), pose);
+        let threshold = RateSettings::default().threshold;
+        let astray = linear.norm() > ASTRAY.0 || angular.norm() > ASTRAY.1;
+        if astray || chain.dexterity(&q, LENGTH) < threshold {
+            return Err(Misfit::Singular {
+                depth_mm: self.depth * 1e3,
+                needed_mm: self.needed * 1e3,
+                tilted: self.tilted.clone(),
+            });
+        }
+        Ok(q)
+    }
+
+    /// All joints keep their distance from their ends.
+    fn inside(&self, chain: &Chain, q: &Joints) -> Result<(), Misfit> {
+        let (room, i) = least_room(chain, q);
+        if room >= ROOM {
+            return Ok(());
+        }
+        let (joint, limit) = (chain.names()[i].clone(), chain.limits()[i]);
+        let (lower_deg, upper_deg) = (limit.lower.to_degrees(), limit.upper.to_degrees());
+        if self.depth == 0.0 && self.tilted.is_empty() {
+            return Err(Misfit::StartsAtEnd {
+                joint,
+                position_deg: q[i].to_degrees(),
+                lower_deg,
+                upper_deg,
+            });
+        }
+        let end_deg = if limit.upper - q[i] < q[i] - limit.lower {
+            upper_deg
+        } else {
+            lower_deg
+        };
+        Err(Misfit::MeetsEnd {
+            joint,
+            end_deg,
+            depth_mm: self.depth * 1e3,
+            needed_mm: self.needed * 1e3,
+            tilted: self.tilted.clone(),
+        })
+    }
+}
+
+/// Distance of the joint next to its end from it \[rad\], and which joint that is. The last one is
+/// the spin's.
+fn least_room(chain: &Chain, q: &Joints) -> (f64, usize) {
+    let joints = q.iter().zip(chain.limits()).zip(chain.kinds()).enumerate();
+    joints
+        .take(chain.len().saturating_sub(1))
+        .filter(|(_, (_, kind))| **kind == JointKind::Revolute)
+        .map(|(i, ((q, limit), _))| ((q - limit.lower).min(limit.upper - q), i))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .unwrap_or((f64::INFINITY, 0))
+}
+
+/// Translation and rotation vector from `a` to `b`.
+fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let turn: Rotation3<f64> = (b.rotation * a.rotation.inverse()).to_rotation_matrix();
+    (
+        b.translation.vector - a.translation.vector,
+        turn.scaled_axis(),
+    )
+}
