@@ -61,6 +61,20 @@ pub(crate) fn roll_travel(bearings: &Bearings, arm: &ArmState) -> RollTravel {
     RollTravel { positive, negative }
 }
 
+/// Travel of the last joint in the sense of a spin; negative beyond its margin.
+fn room_in(bearings: &Bearings, arm: &ArmState, spin: f64) -> f64 {
+    let limit = spin_limit(&bearings.chain);
+    let (Some(q), Some(limit)) = (arm.positions.last(), limit) else {
+        return 0.0;
+    };
+    let room = if spin * sense(&bearings.chain) > 0.0 {
+        limit.upper - q
+    } else {
+        q - limit.lower
+    };
+    room - MARGIN
+}
+
 /// Joint rates for a twist of the needle's base (World).
 ///
 /// Tilting a base turns the last joint too. What that joint cannot turn any more is taken from
@@ -83,12 +97,9 @@ pub(crate) fn joint_rates(
     let wanted = rates(twist);
     // As spin about the needle's z.
     let rate = sense(&bearings.chain) * wanted.rates.last().copied().unwrap_or_default();
-    let left = roll_travel(bearings, arm);
-    let room = if rate > 0.0 {
-        left.positive
-    } else {
-        left.negative
-    };
+    // Negative beyond the end: the joint is turned back in, or the guard, which lets nothing
+    // further out, would stop the whole arm for a rounding.
+    let room = room_in(bearings, arm, rate);
     let excess = rate.abs() - room / APPROACH;
     if excess <= 0.0 {
         return wanted;
@@ -108,6 +119,25 @@ mod tests {
     use crate::config;
     use crate::rig::Rig;
     use hal::Arm;
+
+    #[test]
+    fn a_joint_beyond_its_end_is_turned_back() {
+        let mut rig = Rig::new(&config::load(None, &[]).unwrap()).unwrap();
+        let mut arm = rig.arm.state().unwrap();
+        let (bearings, settings) = (rig.bearings, RateSettings::default());
+        let limit = *bearings.chain.limits().last().unwrap();
+        *arm.positions.last_mut().unwrap() = limit.upper - 0.2 * MARGIN;
+        let axis = base_pose(&bearings, &arm).rotation * Vector3::z();
+        let twist = Twist {
+            linear: axis * 1e-3,
+            angular: axis * 1e-9,
+        };
+        let got = joint_rates(&bearings, &arm, &twist, &settings);
+        let last = *got.rates.last().unwrap();
+        assert!(last < -0.1, "{last} rad/s");
+        let realised = bearings.world_from_arm_base.rotate(&got.realised.linear);
+        assert!((realised - twist.linear).norm() < 1e-9);
+    }
 
     #[test]
     fn a_joint_at_its_end_gives_up_spin_and_nothing_else() {

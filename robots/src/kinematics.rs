@@ -21,5 +21,5 @@ pub use opw::OpwParameters;
 pub use rates::{RateSettings, TwistRates};
 pub use spin::Spin;
 pub use turns::{NotEnoughTravel, RemainingTravel, TurnBudget};
-pub use urdf::{Section, arm_sections};
 pub use urdf::error::UrdfError;
+pub use urdf::{Section, arm_sections};

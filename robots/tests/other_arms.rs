@@ -79,7 +79,8 @@ fn what_kinematics_does_not_need_cannot_break_it() {
     for text in beside {
         assert_as_plain(&arm("revolute", LIMIT).replace("</robot>", &format!("{text}</robot>")));
     }
-    let dynamics = format!("{LIMIT}<dynamics damping=\"?\"/><safety_controller/><calibration rising=\"\"/>");
+    let dynamics =
+        format!("{LIMIT}<dynamics damping=\"?\"/><safety_controller/><calibration rising=\"\"/>");
     assert_as_plain(&arm("revolute", &dynamics));
     let spaced = arm("revolute", LIMIT).replace("xyz=\"0 0 0.31\"", "xyz='\n 0\t0  0.31 '");
     assert_as_plain(&spaced);
@@ -96,7 +97,10 @@ fn a_file_in_utf_16_or_with_latin_names_is_read() {
         .chain(urdf.encode_utf16().flat_map(u16::to_le_bytes))
         .collect();
     let latin = urdf.replace("name=\"a\"", "name=\"\u{1}\"").into_bytes();
-    let latin: Vec<u8> = latin.into_iter().map(|b| if b == 1 { 0xe9 } else { b }).collect();
+    let latin: Vec<u8> = latin
+        .into_iter()
+        .map(|b| if b == 1 { 0xe9 } else { b })
+        .collect();
     for bytes in [wide, latin] {
         let chain = Chain::from_section(&bytes, &Section::arm("tip")).unwrap();
         assert_eq!(chain.forward(&q()), plain);
@@ -108,7 +112,12 @@ fn continuous_joints_turn_without_ends_and_solutions_are_principal_angles() {
     let limits = ["", "<limit effort=\"1\" velocity=\"2\"/>", LIMIT];
     for limit in limits {
         let chain = chain(&arm("continuous", limit));
-        assert!(chain.kinds().iter().all(|kind| *kind == JointKind::Continuous));
+        assert!(
+            chain
+                .kinds()
+                .iter()
+                .all(|kind| *kind == JointKind::Continuous)
+        );
         let far = q().map(|x| x + 40.0 * PI);
         assert!(chain.within_limits(&far), "{limit}");
         let pose = chain.forward(&far);
@@ -117,7 +126,10 @@ fn continuous_joints_turn_without_ends_and_solutions_are_principal_angles() {
             let solutions = chain.inverse(&pose, turns);
             assert!((1..=16).contains(&solutions.len()), "{}", solutions.len());
             for solution in solutions {
-                assert!(solution.iter().all(|x| -PI < *x && *x <= PI), "{solution:?}");
+                assert!(
+                    solution.iter().all(|x| -PI < *x && *x <= PI),
+                    "{solution:?}"
+                );
             }
         }
     }
@@ -125,7 +137,10 @@ fn continuous_joints_turn_without_ends_and_solutions_are_principal_angles() {
     let chain = chain(&arm("continuous", ""));
     let half = Joints::from([PI, 0.2, 0.5, 0.3, 0.6, -PI]);
     for solution in chain.inverse(&chain.forward(&half), Turns::One) {
-        assert!(solution.iter().all(|x| -PI < *x && *x <= PI), "{solution:?}");
+        assert!(
+            solution.iter().all(|x| -PI < *x && *x <= PI),
+            "{solution:?}"
+        );
     }
 }
 
@@ -160,14 +175,25 @@ fn an_arm_on_a_rail_begins_at_a_base_or_the_rail_is_held() {
     let plain = chain(&arm("revolute", LIMIT)).forward(&q());
     let read = |section: &Section| Chain::from_section(urdf.as_bytes(), section);
     let message = read(&Section::arm("tip")).unwrap_err().to_string();
-    for part in ["rail", "prismatic", "--base base", "arm.base_link", "--hold rail="] {
+    for part in [
+        "rail",
+        "prismatic",
+        "--base base",
+        "arm.base_link",
+        "--hold rail=",
+    ] {
         assert!(message.contains(part), "{message}");
     }
     let from_base = read(&Section::arm("tip").from("base")).unwrap();
     assert_eq!(from_base.base(), "base");
     assert_eq!(from_base.forward(&q()), plain);
 
-    let held = read(&Section::arm("tip").holding("rail", 0.3).holding("turn", 0.5)).unwrap();
+    let held = read(
+        &Section::arm("tip")
+            .holding("rail", 0.3)
+            .holding("turn", 0.5),
+    )
+    .unwrap();
     assert_eq!((held.len(), held.base()), (6, "floor"));
     let turned = nalgebra::Isometry3::rotation(Vector3::z() * 0.5)
         * nalgebra::Translation3::new(0.0, 0.3, 0.0)
@@ -178,11 +204,20 @@ fn an_arm_on_a_rail_begins_at_a_base_or_the_rail_is_held() {
     let error = |section: Section| read(&section).unwrap_err().to_string();
     assert!(error(Section::arm("tip").from("tip2")).contains("tip2"));
     let above = error(Section::arm("j3").from("tip"));
-    assert!(above.contains("floor") && above.contains("not above"), "{above}");
+    assert!(
+        above.contains("floor") && above.contains("not above"),
+        "{above}"
+    );
     let outside = error(Section::arm("tip").from("column").holding("rail", 0.9));
-    assert!(outside.contains("0.9") && outside.contains("0.8"), "{outside}");
+    assert!(
+        outside.contains("0.9") && outside.contains("0.8"),
+        "{outside}"
+    );
     let unknown = error(Section::arm("tip").from("base").holding("rail", 0.1));
-    assert!(unknown.contains("rail") && unknown.contains("j1"), "{unknown}");
+    assert!(
+        unknown.contains("rail") && unknown.contains("j1"),
+        "{unknown}"
+    );
 }
 
 #[test]
@@ -239,7 +274,9 @@ fn coupled(mimic: &str) -> String {
 fn a_joint_that_follows_another_moves_with_it() {
     let free = Section::mechanism("tip");
     let seven = Chain::from_section(coupled("").as_bytes(), &free).unwrap();
-    let six = chain(&coupled("<mimic joint=\"j3\" multiplier=\"-0.5\" offset=\"0.1\"/>"));
+    let six = chain(&coupled(
+        "<mimic joint=\"j3\" multiplier=\"-0.5\" offset=\"0.1\"/>",
+    ));
     assert_eq!(six.len(), 6);
     let q = q();
     let whole = Joints::from([q[0], q[1], q[2], 0.1 - 0.5 * q[2], q[3], q[4], q[5]]);
@@ -253,7 +290,11 @@ fn a_joint_that_follows_another_moves_with_it() {
     assert!((limit.lower - -0.8).abs() < 1e-12 && (limit.upper - 2.2).abs() < 1e-12);
     assert!((limit.velocity - 2.0).abs() < 1e-12);
     let solutions = six.inverse(&six.forward(&q), Turns::One);
-    assert!(solutions.iter().any(|s| s.zip(&q, |a, b| a - b).max_abs() < 1e-6));
+    assert!(
+        solutions
+            .iter()
+            .any(|s| s.zip(&q, |a, b| a - b).max_abs() < 1e-6)
+    );
 
     for (mimic, part) in [
         ("<mimic joint=\"j9\"/>", "j9"),
@@ -262,7 +303,9 @@ fn a_joint_that_follows_another_moves_with_it() {
         ("<mimic joint=\"j3\" multiplier=\"nan\"/>", "j3b"),
         ("<mimic joint=\"j3\" offset=\"9\"/>", "j3"),
     ] {
-        let error = Chain::from_urdf(&coupled(mimic), "tip").unwrap_err().to_string();
+        let error = Chain::from_urdf(&coupled(mimic), "tip")
+            .unwrap_err()
+            .to_string();
         assert!(error.contains(part), "{mimic}: {error}");
     }
 }
@@ -290,7 +333,10 @@ fn a_file_that_is_no_urdf_is_called_what_it_is() {
     }
     let error = Chain::from_urdf(xacro, "tip").unwrap_err();
     let message = error.in_file(Path::new("dir/arm.urdf.xacro"));
-    assert!(message.contains("`xacro dir/arm.urdf.xacro > dir/arm.urdf`"), "{message}");
+    assert!(
+        message.contains("`xacro dir/arm.urdf.xacro > dir/arm.urdf`"),
+        "{message}"
+    );
     // A declared prefix that is not used is what xacro itself leaves behind.
     let expanded = arm("revolute", LIMIT).replace(
         "<robot ",
@@ -305,10 +351,14 @@ fn a_file_that_is_no_urdf_is_called_what_it_is() {
 #[test]
 fn the_last_joint_knows_its_sense_and_the_tip_off_its_axis() {
     let tip = |rpy: &str, xyz: &str| {
-        let place = format!("<origin xyz=\"{xyz}\" rpy=\"{rpy}\"/><axis xyz=\"1 0 0\"/>{LIMIT}</joint>\n</robot>");
+        let place = format!(
+            "<origin xyz=\"{xyz}\" rpy=\"{rpy}\"/><axis xyz=\"1 0 0\"/>{LIMIT}</joint>\n</robot>"
+        );
         let urdf = arm("revolute", LIMIT);
         let flange = urdf.rfind("<origin").unwrap();
-        *chain(&format!("{}{place}", &urdf[..flange])).spin().unwrap()
+        *chain(&format!("{}{place}", &urdf[..flange]))
+            .spin()
+            .unwrap()
     };
     let quarter = PI / 2.0;
     for (turn, sense) in [(quarter, 1.0), (-quarter, -1.0)] {

@@ -36,8 +36,8 @@ pub(super) struct ArmArgs {
 impl ArmArgs {
     fn chain(&self) -> anyhow::Result<Chain> {
         let file = self.urdf.display();
-        let bytes = std::fs::read(&self.urdf)
-            .map_err(|e| Usage(format!("{file}: cannot be read: {e}")))?;
+        let bytes =
+            std::fs::read(&self.urdf).map_err(|e| Usage(format!("{file}: cannot be read: {e}")))?;
         let mut section = if self.mechanism {
             Section::mechanism(&self.tip)
         } else {

@@ -32,8 +32,8 @@ pub(super) fn execute(args: &CheckArgs) -> anyhow::Result<ExitCode> {
         rig::check_chain(&chain).map_err(|e| Usage(e.to_string()))?;
         return suggest(&config, &chain, &mut out);
     }
-    let start = rig::start(&config, &chain, &rig::arm_place(&config))
-        .map_err(|e| Usage(e.to_string()))?;
+    let start =
+        rig::start(&config, &chain, &rig::arm_place(&config)).map_err(|e| Usage(e.to_string()))?;
     let name = args.config.as_ref().map(|file| file.display().to_string());
     writeln!(out, "{}: valid", name.as_deref().unwrap_or("defaults"))?;
     writeln!(out, "arm: {}", margins(&config, &chain, &start.course))?;

@@ -7,8 +7,8 @@ use super::coupled::{self, Axis};
 use super::rigid::{Rigid, z_onto};
 use super::solver::Solver;
 use super::spin::Spin;
-use super::urdf::{self, Section};
 use super::urdf::error::UrdfError;
+use super::urdf::{self, Section};
 
 /// Geometric Jacobian `j_tip_joints`: joint rates to the tip's twist \[linear; angular\] along
 /// the axes of the chain's base, at the tip's origin. One column a joint; columns beyond the

@@ -14,8 +14,8 @@ use hal::Joints;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use super::chain::Chain;
-use super::rigid::Rigid;
 use super::line::{Line, rotation};
+use super::rigid::Rigid;
 use super::solver::Fit;
 
 /// A link shorter than this is none \[m\].

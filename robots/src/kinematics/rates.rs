@@ -159,8 +159,7 @@ impl Chain {
             }
             let mut last = spinner.jacobian.column_mut(MAX_JOINTS - 1);
             last.fill(0.0);
-            last.fixed_rows_mut::<3>(3)
-                .copy_from(&(axis * spin.sense));
+            last.fixed_rows_mut::<3>(3).copy_from(&(axis * spin.sense));
             spinner
         })
     }
@@ -174,8 +173,8 @@ impl Chain {
     ) -> SVector<f64, MAX_JOINTS> {
         let wanted = towards_middle(self, q);
         let moved = modes.eigenvectors.transpose() * (weighted * wanted);
-        let undone = weighted.transpose()
-            * (modes.eigenvectors * moved.component_div(&modes.eigenvalues));
+        let undone =
+            weighted.transpose() * (modes.eigenvectors * moved.component_div(&modes.eigenvalues));
         slowed(&(wanted - undone))
     }
 

@@ -17,11 +17,7 @@ const STEPS: usize = 100;
 
 /// Another posture with the tip at `target`, within the limits: the joints' own motion, which
 /// leaves the tip where it is, is followed from `q` to either side.
-pub(super) fn within_limits(
-    chain: &Chain,
-    target: &Isometry3<f64>,
-    q: &Joints,
-) -> Option<Joints> {
+pub(super) fn within_limits(chain: &Chain, target: &Isometry3<f64>, q: &Joints) -> Option<Joints> {
     for sense in [1.0, -1.0] {
         let (mut at, mut heading) = (*q, own_motion(&chain.jacobian(q)) * sense);
         for _ in 0..STEPS {

@@ -16,8 +16,8 @@ use urdf_rs::{Joint, JointType};
 use super::chain::{Chain, ENDLESS, Independent, Placed};
 use super::rigid::{Rigid, z_onto};
 use error::UrdfError;
-use scan::{Scan, scan};
 pub use outline::arm_sections;
+use scan::{Scan, scan};
 pub use section::Section;
 
 /// Acceleration \[rad/s2\] and jerk \[rad/s3\] of a joint for which the URDF gives none.
@@ -64,7 +64,8 @@ pub(super) fn read(xml: &str, section: &Section) -> Result<Chain, UrdfError> {
         let slides = joint.joint_type == JointType::Prismatic;
         let follower = followers.get(joint.name.as_str());
         let leader = follower.map_or(joint.name.as_str(), |follower| follower.leader);
-        let (ratio, offset) = follower.map_or((1.0, 0.0), |follower| (follower.ratio, follower.offset));
+        let (ratio, offset) =
+            follower.map_or((1.0, 0.0), |follower| (follower.ratio, follower.offset));
         if let Some(position) = section.held_at(leader) {
             pending = pending.then(&displaced(&axis, slides, ratio * position + offset));
             continue;
@@ -184,7 +185,10 @@ fn parents(scan: &Scan) -> Result<HashMap<&str, (&scan::Joint, &str)>, UrdfError
             });
         }
     }
-    let mut roots = scan.links.iter().filter(|link| !parents.contains_key(link.as_str()));
+    let mut roots = scan
+        .links
+        .iter()
+        .filter(|link| !parents.contains_key(link.as_str()));
     match (roots.next(), roots.next()) {
         (Some(first), Some(second)) => Err(UrdfError::TwoRoots {
             first: first.clone(),

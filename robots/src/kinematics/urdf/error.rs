@@ -23,7 +23,10 @@ pub enum UrdfError {
     #[error("not a URDF: the file holds no XML element")]
     NoXml,
     /// The root of the document is no robot.
-    #[error("not a URDF, whose root is <robot>: the root is <{root}>, {}", what_is(root))]
+    #[error(
+        "not a URDF, whose root is <robot>: the root is <{root}>, {}",
+        what_is(root)
+    )]
     Root {
         /// Tag of the root.
         root: String,
@@ -196,7 +199,9 @@ pub enum UrdfError {
         joint: String,
     },
     /// The chain has too few or too many joints.
-    #[error("the chain from {base} to {tip} has {found} moving joints; {admitted} are supported{hint}")]
+    #[error(
+        "the chain from {base} to {tip} has {found} moving joints; {admitted} are supported{hint}"
+    )]
     JointCount {
         /// First link.
         base: String,
@@ -246,9 +251,7 @@ fn what_is(root: &str) -> &'static str {
         }
         "COLLADA" => "which is a COLLADA mesh; take the URDF that refers to it",
         "launch" => "which is a ROS launch file; take the URDF that it loads as robot_description",
-        "html" | "HTML" | "!DOCTYPE" => {
-            "which is a web page; download the file itself (\"raw\")"
-        }
+        "html" | "HTML" | "!DOCTYPE" => "which is a web page; download the file itself (\"raw\")",
         _ => "which is another format; a URDF is needed",
     }
 }

@@ -69,7 +69,9 @@ impl Follower<'_> {
         own: Option<&JointLimit>,
         independent: &mut [Independent],
     ) -> Result<(), UrdfError> {
-        let leader = independent.iter_mut().find(|other| other.name == self.leader);
+        let leader = independent
+            .iter_mut()
+            .find(|other| other.name == self.leader);
         let (Some(own), Some(leader)) = (own, leader) else {
             return Ok(());
         };

@@ -66,5 +66,8 @@ pub fn arm_sections(file: &[u8]) -> Result<Vec<(String, String)>, UrdfError> {
         ));
     }
     found.sort();
-    Ok(found.into_iter().map(|(_, _, base, tip)| (base, tip)).collect())
+    Ok(found
+        .into_iter()
+        .map(|(_, _, base, tip)| (base, tip))
+        .collect())
 }

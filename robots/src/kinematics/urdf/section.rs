@@ -79,10 +79,7 @@ impl Section {
                 });
             };
             let (lower, upper) = (joint.limit.lower, joint.limit.upper);
-            let bounded = matches!(
-                joint.joint_type,
-                JointType::Revolute | JointType::Prismatic
-            );
+            let bounded = matches!(joint.joint_type, JointType::Revolute | JointType::Prismatic);
             // 0 to 0 is what a missing <limit> looks like.
             let known = bounded && lower < upper;
             if !position.is_finite() || known && !(lower..=upper).contains(position) {
@@ -123,7 +120,11 @@ impl Section {
         joints: &[Joint],
         moving: &[Independent],
     ) -> Result<(), UrdfError> {
-        let (least, admitted) = if self.arm { (6, "6 or 7") } else { (1, "1 to 7") };
+        let (least, admitted) = if self.arm {
+            (6, "6 or 7")
+        } else {
+            (1, "1 to 7")
+        };
         if (least..=MAX_JOINTS).contains(&moving.len()) {
             return Ok(());
         }
