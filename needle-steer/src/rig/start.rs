@@ -63,7 +63,7 @@ pub fn chain(config: &Config) -> Result<Chain, RigBuildError> {
 /// The needle's base in the tip link, where it is not that link.
 fn tool(config: &Config) -> Option<Isometry3<f64>> {
     let (place, turn) = (config.arm.tip_mm, config.arm.tip_rpy_deg);
-    if place == [0.0; 3] && turn == [0.0; 3] {
+    if place.iter().chain(&turn).all(|x| *x == 0.0) {
         return None;
     }
     let [x, y, z] = place.map(|v| v * 1e-3);

@@ -224,13 +224,9 @@ impl UrdfError {
             return format!("{name}: {self}");
         };
         let text = name.to_string();
-        let stem = text.strip_suffix(".xacro").unwrap_or(&text);
-        let stem = stem.strip_suffix(".urdf").unwrap_or(stem);
-        let stem = stem.strip_suffix(".xml").unwrap_or(stem);
-        let made = if text.ends_with(".xacro") {
-            format!("{stem}.urdf")
-        } else {
-            format!("{stem}.expanded.urdf")
+        let made = match text.strip_suffix(".xacro") {
+            Some(stem) => format!("{}.urdf", stem.strip_suffix(".urdf").unwrap_or(stem)),
+            None => format!("{text}.expanded.urdf"),
         };
         format!(
             "{name}: a xacro file (it holds {found}), not a URDF yet; `xacro {name} > {made}` \

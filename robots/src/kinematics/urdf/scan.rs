@@ -217,9 +217,6 @@ fn value(
 
 fn syntax(xml: &str, byte: u64, source: quick_xml::Error) -> UrdfError {
     let end = usize::try_from(byte).unwrap_or(usize::MAX).min(xml.len());
-    let line = 1 + xml.as_bytes()[..end]
-        .iter()
-        .filter(|b| **b == b'\n')
-        .count();
+    let line = xml.as_bytes()[..end].split(|byte| *byte == b'\n').count();
     UrdfError::Xml { line, source }
 }

@@ -1,0 +1,123 @@
+//! Arms that fit an insertion, and arms that do not.
+
+use core::fmt::Write;
+
+use super::super::{RigBuildError, arm_place, start, suggest};
+use super::*;
+use crate::config;
+use nalgebra::Translation3;
+use robots::kinematics::Section;
+
+/// An arm of the ordinary kind; its last joint turns about `axis` between plus and minus
+/// `ends` \[rad\], its first one about z by `turn` \[rad\] to either side.
+fn arm(axis: &str, ends: f64, turn: f64) -> Chain {
+    let joints = [
+        ("0 0 0.3", "0 0 1", turn),
+        ("0.06 0 0", "0 1 0", 1.9),
+        ("0 0 0.38", "0 1 0", 2.4),
+        ("0.2 0 0.02", "1 0 0", 3.3),
+        ("0.18 0 0", "0 1 0", 2.0),
+        ("0.08 0 0", axis, ends),
+    ];
+    let mut urdf = String::from("<robot name=\"a\"><link name=\"l0\"/>");
+    for (i, (xyz, axis, end)) in joints.iter().enumerate() {
+        let n = i + 1;
+        write!(
+            urdf,
+            "<link name=\"l{n}\"/><joint name=\"j{n}\" type=\"revolute\"><parent link=\"l{i}\"/>\
+             <child link=\"l{n}\"/><origin xyz=\"{xyz}\"/><axis xyz=\"{axis}\"/>\
+             <limit lower=\"-{end}\" upper=\"{end}\" velocity=\"3\"/></joint>"
+        )
+        .unwrap();
+    }
+    let quarter = core::f64::consts::FRAC_PI_2;
+    write!(
+        urdf,
+        "<link name=\"tip\"/><joint name=\"f\" type=\"fixed\"><parent link=\"l6\"/>\
+         <child link=\"tip\"/><origin rpy=\"0 {quarter} 0\"/></joint></robot>"
+    )
+    .unwrap();
+    Chain::from_section(urdf.as_bytes(), &Section::arm("tip")).unwrap()
+}
+
+fn refusal(chain: &Chain, overrides: &[&str]) -> String {
+    let overrides: Vec<String> = overrides.iter().map(ToString::to_string).collect();
+    let config = config::load(None, &overrides).unwrap();
+    match start(&config, chain, &arm_place(&config)) {
+        Err(RigBuildError::Misfit(misfit)) => misfit.to_string(),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn an_arm_that_cannot_insert_is_refused_with_the_reason() {
+    let good = arm("1 0 0", 6.0, 3.0);
+    let config = config::load(None, &[]).unwrap();
+    start(&config, &good, &arm_place(&config)).unwrap();
+
+    let behind = ["arm.base_rpy_deg=[0.0,0.0,180.0]"];
+    let ends = refusal(&arm("1 0 0", 6.0, core::f64::consts::PI), &behind);
+    assert!(
+        ends.contains("j1 starts at its end (180.0")
+            || ends.contains("j1 starts at its end (-180.0"),
+        "{ends}"
+    );
+    let short = refusal(&arm("1 0 0", 2.5, 3.0), &[]);
+    assert!(short.contains("j6") && short.contains("286.5"), "{short}");
+    let far = refusal(&good, &["arm.base_mm=[-260.0,0.0,0.0]"]);
+    assert!(far.contains("deep") && far.contains("--suggest"), "{far}");
+    let tilt = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 5_f64.to_radians());
+    let askew = good.clone().with_tool(&Isometry3::from_parts(
+        Translation3::new(0.0, 0.01, 0.0),
+        tilt,
+    ));
+    let off = refusal(&askew, &[]);
+    for part in [
+        "z of tip is 5.0 degrees off the axis of j6",
+        "10.0 mm beside",
+        "arm.tip_rpy_deg = [",
+        "arm.tip_mm = [",
+    ] {
+        assert!(off.contains(part), "{off}");
+    }
+    // What is offered mends it.
+    let mended = askew.clone().with_tool(&askew.tool_on_last_axis().unwrap());
+    assert_eq!(check_chain(&mended), Ok(()));
+    let slow = refusal(
+        &arm("1 0 0", 6.0, 3.0)
+            .with_limits(
+                good.limits()
+                    .iter()
+                    .map(|l| hal::JointLimit {
+                        velocity: 0.0,
+                        ..*l
+                    })
+                    .collect(),
+            )
+            .unwrap(),
+        &[],
+    );
+    assert!(
+        slow.contains("j1, j2") && slow.contains("arm.joint_speed_deg_s"),
+        "{slow}"
+    );
+}
+
+#[test]
+fn a_place_that_is_suggested_is_one() {
+    for chain in [arm("1 0 0", 6.0, 3.0), arm("-1 0 0", 2.7, 2.9)] {
+        for inward in ["[0.0,0.0,-1.0]", "[1.0,0.0,0.0]"] {
+            let overrides = [
+                format!("tissue.inward={inward}"),
+                "arm.base_mm=[900.0,0.0,0.0]".into(),
+            ];
+            let mut config = config::load(None, &overrides).unwrap();
+            assert!(start(&config, &chain, &arm_place(&config)).is_err());
+            let place = suggest(&config, &chain).unwrap();
+            (config.arm.base_mm, config.arm.base_rpy_deg) = (place.base_mm, place.base_rpy_deg);
+            let start = start(&config, &chain, &arm_place(&config)).unwrap();
+            assert!(start.course.room > ROOM);
+            assert!(chain.within_limits(&start.joints));
+        }
+    }
+}
