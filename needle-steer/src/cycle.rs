@@ -19,6 +19,7 @@ use vision::track::TrackSettingsError;
 pub use crate::bearings::{Bearings, base_pose};
 use crate::bearings::{entry_point, first_telemetry};
 use crate::config::Config;
+use crate::monitor::plausibility::{Implausible, Plausibility};
 use crate::odometry::Odometry;
 use crate::roll::{joint_rates, roll_travel};
 use crate::sight::Sight;
@@ -100,6 +101,11 @@ pub struct Cycle {
     withdrawn: bool,
     shaft: Vec<(Point3<f64>, f64)>,
     sight: Option<Sight>,
+    plausibility: Plausibility,
+    /// Since when the springs model has no equilibrium, and why.
+    model_failure: Option<(Stamp, String)>,
+    /// The newest measurement of the tip that was taken, with its exposure.
+    measured: Option<(Stamp, SensedTip)>,
     telemetry: Telemetry,
 }
 
@@ -143,6 +149,9 @@ impl Cycle {
             withdrawn: false,
             shaft: Vec::with_capacity(128),
             sight: Sight::of(config, &bearings)?,
+            plausibility: Plausibility::new(config.needle.length_mm * 1e-3),
+            model_failure: None,
+            measured: None,
             telemetry: first_telemetry(state, &world_from_base, &tip.world_from_tip),
             bearings,
         })
@@ -180,6 +189,26 @@ impl Cycle {
         self.sight.as_ref()
     }
 
+    /// Why the newest measurement was not taken, if it cannot be of this needle.
+    pub fn implausible(&self) -> Option<&Implausible> {
+        self.plausibility.problem()
+    }
+
+    /// Since when the springs model has no equilibrium, and why.
+    pub fn model_failure(&self) -> Option<&(Stamp, String)> {
+        self.model_failure.as_ref()
+    }
+
+    /// The newest measurement of the tip that was taken, and its exposure.
+    pub fn measured(&self) -> Option<&(Stamp, SensedTip)> {
+        self.measured.as_ref()
+    }
+
+    /// Whether the tissue is known, or suspected, to move.
+    pub fn tissue_moves(&self) -> bool {
+        self.field.is_some() || self.tissue.is_learning()
+    }
+
     /// The limits of the laws.
     pub fn limits(&self) -> &Limits {
         &self.limits
@@ -190,11 +219,11 @@ impl Cycle {
         let base = self.base(snapshot);
         let base = self.at_rest(snapshot, &base);
         let measured = match snapshot.shape {
-            Some(shape) => Some(self.measure(shape)),
+            Some(shape) => self.measure(shape),
             None => snapshot.pair.and_then(|pair| self.track(pair)),
         };
         let tip = self.estimator.predict(snapshot.now, &base);
-        let springs = self.model(&base, &tip);
+        let springs = self.model(snapshot.now, &base, &tip);
         let target = self.target_in_world(&tip);
         let decision = self.decide(snapshot, &base, &tip, springs.as_ref(), target);
         let decision = self.follow_tissue(&base, decision);
@@ -233,9 +262,7 @@ impl Cycle {
         let mut sight = self.sight.take()?;
         let tracked = sight.look(pair, &world_from_base, &self.telemetry.model.shape);
         let tip = match tracked {
-            Ok(tracked) if tracked.status == Tracking::Tracked => {
-                Some(self.measure(&tracked.shape))
-            }
+            Ok(tracked) if tracked.status == Tracking::Tracked => self.measure(&tracked.shape),
             _ => {
                 self.telemetry.tracking = tracked.map_or(Tracking::Lost, |tracked| tracked.status);
                 None
@@ -253,43 +280,47 @@ impl Cycle {
         decision
     }
 
-    /// Takes a measurement in, with the base pose of its own instant.
-    fn measure(&mut self, shape: &SensedShape) -> SensedTip {
-        let world_from_camera = &self.bearings.world_from_left_camera;
-        self.tissue.see_tip(
-            shape.stamp,
-            (*world_from_camera * shape.tip.position).point(),
-            &world_from_camera.rotate_direction(&shape.tip.direction),
-            (shape.tip.covariance.trace() / 3.0).sqrt(),
-        );
-        let then = self.tissue.field(shape.stamp);
-        let place = |p: &Position<LeftCamera>| {
-            let point = *(*world_from_camera * *p).point();
-            then.map_or(point, |field| field.point_to_rest(&point))
-        };
-        self.shaft.clear();
-        self.shaft
-            .extend(shape.points.iter().map(|p| (place(&p.position), p.sigma)));
-        if let Some(base) = self.odometry.at(shape.stamp) {
-            let variance = shape.tip.covariance.trace() / 3.0;
-            let direction = world_from_camera.rotate_direction(&shape.tip.direction);
-            let health = self.estimator.observe(&Observation {
-                stamp: shape.stamp,
-                world_from_base: then.map_or(base, |field| field.pose_to_rest(&base)),
-                position: place(&shape.tip.position),
-                position_sigma: variance.sqrt(),
-                direction: then.map_or(direction, |field| field.direction_to_rest(&direction)),
-                direction_sigma: shape.tip.direction_sigma,
-                shaft: &self.shaft,
-            });
-            self.tell_sway(shape, &base, variance.sqrt());
-            self.telemetry.tracking = match health {
-                Health::Used => Tracking::Tracked,
-                Health::Stale | Health::Rejected => Tracking::Predicted,
-            };
+    /// Takes a measurement in, with the base pose of its own instant; one that cannot be of this
+    /// needle is left out.
+    fn measure(&mut self, shape: &SensedShape) -> Option<SensedTip> {
+        let base = self.odometry.at(shape.stamp)?;
+        let world_from_camera = self.bearings.world_from_left_camera;
+        let in_world = |p: &Position<LeftCamera>| *(world_from_camera * *p).point();
+        let tip = in_world(&shape.tip.position);
+        let shaft = shape.points.iter().map(|p| in_world(&p.position));
+        if !self.plausibility.admit(shape.stamp, &base, &tip, shaft) {
+            self.telemetry.tracking = Tracking::Predicted;
+            return None;
         }
+        let sigma = (shape.tip.covariance.trace() / 3.0).sqrt();
+        let axis = world_from_camera.rotate_direction(&shape.tip.direction);
+        self.tissue.see_tip(shape.stamp, &tip, &axis, sigma);
+        let then = self.tissue.field(shape.stamp);
+        let at_rest = |p: Point3<f64>| then.map_or(p, |field| field.point_to_rest(&p));
+        self.shaft.clear();
+        self.shaft.extend(
+            shape
+                .points
+                .iter()
+                .map(|p| (at_rest(in_world(&p.position)), p.sigma)),
+        );
+        let health = self.estimator.observe(&Observation {
+            stamp: shape.stamp,
+            world_from_base: then.map_or(base, |field| field.pose_to_rest(&base)),
+            position: at_rest(tip),
+            position_sigma: sigma,
+            direction: then.map_or(axis, |field| field.direction_to_rest(&axis)),
+            direction_sigma: shape.tip.direction_sigma,
+            shaft: &self.shaft,
+        });
+        self.tell_sway(shape, &base, sigma);
+        self.telemetry.tracking = match health {
+            Health::Used => Tracking::Tracked,
+            Health::Stale | Health::Rejected => Tracking::Predicted,
+        };
         self.telemetry.image_stamp = Some(shape.stamp);
-        shape.tip
+        self.measured = Some((shape.stamp, shape.tip));
+        Some(shape.tip)
     }
 
     /// What the estimator cannot explain of the tip's way may be the tissue's. A path laid while
@@ -305,8 +336,9 @@ impl Cycle {
         }
     }
 
-    /// Springs model at the present base, its springs born at the filtered tip.
-    fn model(&mut self, base: &Isometry3<f64>, tip: &Tip) -> Option<Springs> {
+    /// Springs model at the present base, its springs born at the filtered tip. While it has no
+    /// equilibrium nothing is reported of it: the last good state is not the present one.
+    fn model(&mut self, now: Stamp, base: &Isometry3<f64>, tip: &Tip) -> Option<Springs> {
         let measured = tip
             .age
             .is_finite()
@@ -314,9 +346,20 @@ impl Cycle {
         let (stiffness, sigma) = self.estimator.stiffness();
         self.telemetry.model.stiffness = stiffness;
         self.telemetry.model.stiffness_sigma = sigma;
-        let springs = self.springs.update(base, measured, stiffness).ok();
-        self.springs.report(&mut self.telemetry.model);
-        springs
+        let model = &mut self.telemetry.model;
+        match self.springs.update(base, measured, stiffness) {
+            Ok(springs) => {
+                self.model_failure = None;
+                self.springs.report(model);
+                Some(springs)
+            }
+            Err(error) => {
+                let since = self.model_failure.take().map_or(now, |(since, _)| since);
+                self.model_failure = Some((since, error.to_string()));
+                springs::report_failure(model);
+                None
+            }
+        }
     }
 
     /// The path that the law expects; all that was computed at rest is shown where it is now.

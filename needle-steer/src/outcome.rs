@@ -8,23 +8,74 @@ use crate::config::Config;
 use crate::score::TrueFigures;
 use crate::supervisor::StopReason;
 
+/// Why a run did not pass its target: a closed list, each with its test on the truth in
+/// docs/HAZARDS.md.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cause {
+    /// The base advanced, the tip did not.
+    Stall,
+    /// The shaft gave way outside the tissue.
+    Buckling,
+    /// The tissue was about to tear, or loaded beyond its bound.
+    Tear,
+    /// The target cannot be reached.
+    OutOfReach,
+    /// The sensor does not see the needle, or sees what cannot be it.
+    NeedleLost,
+    /// Measurements come too late, too seldom, or with stamps that cannot be right.
+    MeasurementsLate,
+    /// The tissue moves more than can be followed.
+    TissueMotion,
+    /// The model or the estimate failed, or disagrees with the measurements.
+    ModelFailed,
+    /// The arm, its link or its workspace.
+    Device,
+    /// The user, or the time that the user allowed.
+    Operator,
+}
+
+impl std::fmt::Display for Cause {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Stall => "stall",
+            Self::Buckling => "buckling",
+            Self::Tear => "tear",
+            Self::OutOfReach => "out of reach",
+            Self::NeedleLost => "needle lost",
+            Self::MeasurementsLate => "measurements late",
+            Self::TissueMotion => "tissue motion",
+            Self::ModelFailed => "model failed",
+            Self::Device => "device",
+            Self::Operator => "operator",
+        })
+    }
+}
+
 /// The verdict of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ended {
-    /// The target is no longer in front of the tip.
+    /// The plane of the measured tip has passed the target.
     TargetPassed,
+    /// The measured tip is farther beyond the target than counts as passed, by this much \[m\].
+    Overrun(f64),
     /// The target went out of reach by this much \[m\].
     Unreachable(f64),
-    /// The needle came no nearer for this long \[s\].
-    NoProgress(f64),
+    /// The needle came no nearer.
+    NoProgress {
+        /// For this long \[s\].
+        for_s: f64,
+        /// What kept it.
+        cause: Cause,
+    },
     /// The supervisor stopped the run.
     Stopped(StopReason),
     /// The needle was withdrawn to its start on request.
     Retracted,
     /// The user stopped the run.
     Interrupted,
-    /// The longest duration passed.
-    TimedOut,
+    /// The longest duration passed; what kept the needle most.
+    TimedOut(Cause),
     /// Nothing was to be moved.
     DryRun,
 }
@@ -33,6 +84,19 @@ impl Ended {
     /// Whether the run did what it was asked to.
     pub const fn is_success(&self) -> bool {
         matches!(self, Self::TargetPassed | Self::DryRun)
+    }
+
+    /// Why the target was not passed; nothing where it was, or where nothing was to be moved.
+    pub const fn cause(&self) -> Option<Cause> {
+        match self {
+            Self::TargetPassed | Self::DryRun => None,
+            Self::Overrun(_) => Some(Cause::ModelFailed),
+            Self::Unreachable(_) => Some(Cause::OutOfReach),
+            Self::NoProgress { cause, .. } => Some(*cause),
+            Self::TimedOut(cause) => Some(*cause),
+            Self::Stopped(reason) => Some(reason.cause()),
+            Self::Retracted | Self::Interrupted => Some(Cause::Operator),
+        }
     }
 }
 
@@ -43,11 +107,15 @@ impl std::fmt::Display for Ended {
             Self::Unreachable(shortfall) => {
                 write!(f, "target out of reach by {:.1} mm", shortfall * 1e3)
             }
-            Self::NoProgress(seconds) => write!(f, "no progress for {seconds:.0} s"),
+            Self::Overrun(by) => write!(f, "target overrun by {:.1} mm", by * 1e3),
+            Self::NoProgress { for_s, cause } => {
+                write!(f, "no progress for {for_s:.0} s: {cause}")
+            }
             Self::Stopped(reason) => write!(f, "stopped: {reason}"),
             Self::Retracted => f.write_str("retracted"),
             Self::Interrupted => f.write_str("interrupted"),
-            Self::TimedOut => f.write_str("timed out"),
+            Self::TimedOut(Cause::Operator) => f.write_str("timed out"),
+            Self::TimedOut(cause) => write!(f, "timed out: {cause}"),
             Self::DryRun => f.write_str("dry run"),
         }
     }

@@ -28,6 +28,11 @@ impl Progress {
         }
     }
 
+    /// Whether the newest distance counted as progress.
+    pub fn has_advanced(&self, now: Stamp) -> bool {
+        self.nearest.is_some_and(|(_, since)| since == now)
+    }
+
     /// Takes note of the distance ahead \[m\]; answers the time without progress \[s\] once it is
     /// too long.
     pub fn update(&mut self, now: Stamp, ahead: f64) -> Option<f64> {

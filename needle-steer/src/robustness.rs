@@ -142,7 +142,7 @@ pub fn carry_out(config: &Config) -> Result<Outcome, RunError> {
     let joint_limits = rig.bearings.chain.limits().to_vec();
     let mut audit = Audit::new(config, joint_limits);
     let summary = run(config, &mut rig, &mut audit, &Controls::default())?;
-    if summary.ended == Ended::TimedOut {
+    if matches!(summary.ended, Ended::TimedOut(_)) {
         audit.note("no verdict in time", summary.duration_s);
     }
     let error_mm = summary.true_error_mm.unwrap_or(f64::NAN);

@@ -9,12 +9,15 @@ use crate::aim::{nominal_target, stereo_target};
 use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
+use crate::holds::Holds;
+use crate::monitor::{Freshness, Monitor};
 pub use crate::observer::{Observer, Unobserved};
-use crate::outcome::{Ended, Summary};
+use crate::outcome::{Cause, Ended, Summary};
+use crate::passing::{Answer, Passing};
 use crate::progress::Progress;
 use crate::rig::{Rig, RigBuildError, Sighting};
 use crate::sight::Sight;
-use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
+use crate::supervisor::{Bounds, Evidence, StopReason, Supervisor, Verdict};
 use crate::world::in_stereo_frame;
 use hybrid_control::view::Law;
 use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
@@ -92,8 +95,12 @@ pub struct Insertion<'a> {
     pub rig: &'a mut Rig,
     cycle: Cycle,
     supervisor: Supervisor,
+    monitor: Monitor,
+    freshness: Freshness,
+    passing: Passing,
     reach: ReachMonitor,
     progress: Progress,
+    holds: Holds,
     phase: Phase,
     before_pause: Phase,
     straight: f64,
@@ -172,16 +179,21 @@ impl<'a> Insertion<'a> {
     }
 
     fn new(config: &Config, rig: &'a mut Rig, cycle: Cycle, state: &ArmState) -> Self {
+        let bounds = Bounds::of(config);
         let start = base_pose(&rig.bearings, state);
         let straight = rig
             .world
             .as_ref()
             .map_or(PRE_INSERTION, |world| world.pre_insertion());
         Self {
-            supervisor: Supervisor::new(Bounds::of(config), rig.clock.now()),
+            monitor: Monitor::default(),
+            freshness: Freshness::new(bounds.image_age),
+            passing: Passing::default(),
+            supervisor: Supervisor::new(bounds, rig.clock.now()),
             cycle,
             reach: ReachMonitor::new(REACH_TOLERANCE),
             progress: Progress::new(config.run.insertion_speed_mm_s * 1e-3),
+            holds: Holds::default(),
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
@@ -252,19 +264,29 @@ impl<'a> Insertion<'a> {
                 return Ok(Ended::Interrupted);
             }
             if now.since(begun) > longest {
-                return Ok(Ended::TimedOut);
+                let cause = self.holds.cause_of_all(now.secs_since(begun));
+                return Ok(Ended::TimedOut(cause.unwrap_or(Cause::Operator)));
             }
             let state = self.rig.arm.state()?;
             observer.arm(&state);
+            self.monitor
+                .base(state.stamp, &base_pose(&self.rig.bearings, &state));
             if let Some(target) = controls.take_target() {
                 self.aim(target);
             }
             self.supervisor.dead_man(now, controls.dead_man_count());
             self.follow(controls.wish());
             self.law_step(config, now, &state, observer)?;
-            match self.supervisor.judge(now, &state, self.cycle.telemetry()) {
-                Verdict::Go => {}
-                Verdict::Hold => self.rates = self.rates.zeroed(),
+            let evidence = self.evidence();
+            let telemetry = self.cycle.telemetry();
+            let mut rates = self.rates;
+            match self.supervisor.judge(now, &state, telemetry, &evidence) {
+                Verdict::Go if self.passing.is_waiting() => rates = rates.zeroed(),
+                Verdict::Go => rates = self.slowed(),
+                Verdict::Hold(cause) => {
+                    rates = rates.zeroed();
+                    self.holds.note(cause, period.as_secs_f64());
+                }
                 Verdict::Stop(reason) => return Ok(Ended::Stopped(reason)),
             }
             if let Some(ended) = self.verdict(now) {
@@ -273,7 +295,7 @@ impl<'a> Insertion<'a> {
             let command = RateCommand {
                 sequence: self.rig.next_sequence(),
                 stamp: now,
-                rates: self.rates,
+                rates,
             };
             if let Err(error) = self.rig.arm.command(&command) {
                 return self.refused(error);
@@ -282,6 +304,34 @@ impl<'a> Insertion<'a> {
             deadline = deadline + period;
             self.rig.clock.wait_until(deadline);
         }
+    }
+
+    /// What the monitor has to say while the needle is being inserted.
+    fn evidence(&self) -> Evidence {
+        if !matches!(self.phase, Phase::PreInsertion | Phase::Steering) {
+            return Evidence {
+                withdrawing: self.phase == Phase::Retracting,
+                ..Evidence::default()
+            };
+        }
+        Evidence {
+            withdrawing: false,
+            stalled: self.monitor.stalled(),
+            stale: self.freshness.finding(),
+            implausible: self.cycle.implausible().copied(),
+            model: self.cycle.model_failure().cloned(),
+        }
+    }
+
+    /// The law's rates, slower where the base would get too far ahead of the measurements.
+    fn slowed(&self) -> Joints {
+        let telemetry = self.cycle.telemetry();
+        let axis = telemetry.world_from_base.rotate(&nalgebra::Vector3::z());
+        if axis.dot(&telemetry.base_twist.linear) <= 0.0 {
+            return self.rates;
+        }
+        let share = self.monitor.allowed_speed();
+        self.rates.map(|rate| rate * share)
     }
 
     /// A command was refused: by an arm that faulted meanwhile, or for another reason.
@@ -304,7 +354,13 @@ impl<'a> Insertion<'a> {
         state: &ArmState,
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
-        let sight = self.rig.eyes.poll()?;
+        let mut sight = self.rig.eyes.poll()?;
+        if sight
+            .stamp()
+            .is_some_and(|exposed| !self.freshness.admit(now, exposed))
+        {
+            sight = Sighting::Nothing;
+        }
         let since = self
             .last_law
             .map_or(f64::INFINITY, |last| now.secs_since(last));
@@ -328,7 +384,11 @@ impl<'a> Insertion<'a> {
         self.rates = telemetry.joint_rates;
         observer.timed(begun.elapsed());
         self.last_law = Some(now);
-        self.note_image(&sight);
+        self.note_image(now, &sight);
+        if let (false, Some((exposed, tip))) = (sight.is_none(), self.cycle.measured()) {
+            self.monitor
+                .tip(*exposed, tip, &self.rig.bearings.world_from_left_camera);
+        }
         observer.inputs(state, sight.shape().or_else(|| self.tracked()));
         if let Some(marker) = &marker {
             observer.marker(marker);
@@ -348,14 +408,17 @@ impl<'a> Insertion<'a> {
 
     /// Tells the supervisor of an image. On its straight way in and out, and while it stands
     /// still, the needle may be out of the cameras' sight.
-    fn note_image(&mut self, sight: &Sighting) {
-        let Some(stamp) = sight.stamp() else { return };
+    fn note_image(&mut self, now: Stamp, sight: &Sighting) {
+        if sight.is_none() {
+            return;
+        }
         let may_hide = self.phase != Phase::Steering;
         let problem = match self.cycle.sight() {
             Some(seen) if sight.pair().is_some() && !may_hide => seen.problem(),
             _ => None,
         };
-        self.supervisor.image(stamp, problem);
+        let problem = problem.or_else(|| self.cycle.implausible().map(ToString::to_string));
+        self.supervisor.image(now, problem);
     }
 
     /// The shape that the tracker found in the newest pair.
@@ -369,6 +432,7 @@ impl<'a> Insertion<'a> {
             Wish::Proceed if matches!(self.phase, Phase::Paused | Phase::Retracting) => {
                 self.cycle.resume();
                 self.progress.reset();
+                self.monitor.begin_anew();
                 self.before_pause
             }
             Wish::Proceed => self.phase,
@@ -458,16 +522,47 @@ impl<'a> Insertion<'a> {
             return None;
         }
         let telemetry = self.cycle.telemetry();
-        if telemetry.axial_distance <= 0.0 {
-            return Some(Ended::TargetPassed);
-        }
         let ahead = telemetry.axial_distance;
+        let measured = self.cycle.measured();
+        match self.passing.look(now, ahead, &telemetry.target, measured) {
+            Answer::Ahead => {}
+            Answer::Awaited => return None,
+            Answer::Passed if telemetry.depth > 0.0 => return Some(Ended::TargetPassed),
+            Answer::Passed => return Some(Ended::Stopped(StopReason::OutsideTissue)),
+            Answer::Beyond(by) => return Some(Ended::Overrun(by)),
+            Answer::Disagree(ahead_m) => {
+                return Some(Ended::Stopped(StopReason::Disagreement { ahead_m }));
+            }
+        }
         if let Some(shortfall) = self.reach.update(now, ahead, &telemetry.law) {
             return Some(Ended::Unreachable(shortfall));
         }
-        self.progress
-            .update(now, telemetry.axial_distance)
-            .map(Ended::NoProgress)
+        let late = self.progress.update(now, ahead);
+        if self.progress.has_advanced(now) {
+            self.holds.progress();
+        }
+        let for_s = late?;
+        let cause = self.holds.cause_of(for_s);
+        let cause = cause.unwrap_or_else(|| self.cause_of_standstill());
+        Some(Ended::NoProgress { for_s, cause })
+    }
+
+    /// Why a law that is not held comes no nearer.
+    fn cause_of_standstill(&self) -> Cause {
+        use hal::telemetry::Limit;
+        let at_an_end = |limit: &Limit| {
+            matches!(
+                limit,
+                Limit::JointPosition(_) | Limit::RemainingTurns | Limit::Workspace
+            )
+        };
+        if self.cycle.telemetry().law.limits.iter().any(at_an_end) {
+            Cause::Device
+        } else if self.cycle.tissue_moves() {
+            Cause::TissueMotion
+        } else {
+            Cause::OutOfReach
+        }
     }
 
     /// Stops and waits until the arm is at rest.

@@ -158,5 +158,17 @@ impl SpringsModel {
         report.max_stretch = needle.max_stretch();
         report.entry_stretch = needle.entry_stretch().norm();
         report.entry_force = needle.entry_force().norm();
+        let convergence = needle.convergence();
+        report.iterations = u32::try_from(convergence.iterations).unwrap_or(u32::MAX);
+        report.residual = convergence.residual;
     }
+}
+
+/// The model's part of the telemetry while it has no equilibrium: its figures are unknown.
+pub(crate) fn report_failure(report: &mut ModelReport) {
+    report.mean_stretch = f64::NAN;
+    report.max_stretch = f64::NAN;
+    report.entry_stretch = f64::NAN;
+    report.entry_force = f64::NAN;
+    report.residual = f64::NAN;
 }

@@ -312,6 +312,12 @@ impl Config {
             60_000.0,
         )?;
         within(
+            "supervisor.image_age_ms",
+            supervisor.image_age_ms,
+            10.0,
+            1000.0,
+        )?;
+        within(
             "supervisor.encoder_stop_ms",
             supervisor.encoder_stop_ms,
             20.0,

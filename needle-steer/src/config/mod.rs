@@ -301,6 +301,9 @@ pub struct Supervisor {
     pub image_hold_ms: f64,
     /// Longest time without an image before the run stops \[ms\].
     pub image_stop_ms: f64,
+    /// Largest age of a measurement at its arrival \[ms\]: older ones are not taken, and a sensor
+    /// all of whose measurements are older ends the run.
+    pub image_age_ms: f64,
     /// Longest age of the encoders' reading before the run stops \[ms\].
     pub encoder_stop_ms: f64,
     /// Longest time without a dead-man's token before the run stops \[ms\]; 0: none is asked for.
@@ -315,6 +318,7 @@ impl Default for Supervisor {
             workspace_radius_mm: 60.0,
             image_hold_ms: 200.0,
             image_stop_ms: 2000.0,
+            image_age_ms: 550.0,
             encoder_stop_ms: 350.0,
             dead_man_ms: 0.0,
         }

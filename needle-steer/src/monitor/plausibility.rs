@@ -1,0 +1,206 @@
+//! Can a measurement be of this needle? Wrong units, a wrong frame and leaps are found by what no
+//! needle on this base can do, whatever the tissue.
+
+use hal::Stamp;
+use nalgebra::{Isometry3, Point3};
+
+/// Slack of every length for registration, sensor and arm \[m\].
+const SLACK: f64 = 10e-3;
+/// Chord from base to tip over the needle's length \[1\]: less bends it beyond its yield stress.
+const SHORTEST: f64 = 0.8;
+/// Offset of the tip from the base's axis over the needle's length \[1\]: a quarter is a mean
+/// turn of 15 degrees.
+const ASIDE: f64 = 0.35;
+/// Speed of the tip beyond the base's \[m/s\]: deep breathing of 15 mm at 0.3 Hz makes 25 mm/s.
+const FASTEST: f64 = 0.06;
+/// Leap that noise may make \[m\].
+const LEAP: f64 = 4e-3;
+
+/// What no needle can do.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, thiserror::Error)]
+pub enum Implausible {
+    /// Farther from the base than the needle is long, or nearer than it bends.
+    #[error(
+        "the measured tip is {chord_mm:.0} mm from the base of a needle of {length_mm:.0} mm: units or registration?"
+    )]
+    Length {
+        /// Distance from base to tip \[mm\].
+        chord_mm: f64,
+        /// The needle's length \[mm\].
+        length_mm: f64,
+    },
+    /// Not in front of the base.
+    #[error("the measured tip is {aside_mm:.0} mm beside the axis of the base: registration?")]
+    Aside {
+        /// Distance from the axis \[mm\].
+        aside_mm: f64,
+    },
+    /// A leap.
+    #[error("the measured tip leapt by {by_mm:.1} mm in {within_s:.2} s")]
+    Leap {
+        /// How far \[mm\].
+        by_mm: f64,
+        /// Time since the measurement before \[s\].
+        within_s: f64,
+    },
+    /// A point of the shaft is far away.
+    #[error("a measured point of the shaft is {away_mm:.0} mm from the tip: units?")]
+    Shaft {
+        /// Distance from the tip \[mm\].
+        away_mm: f64,
+    },
+}
+
+/// Holds every measured shape against the needle that it should be of.
+#[derive(Clone, Debug)]
+pub struct Plausibility {
+    length: f64,
+    /// Base and tip of the last plausible measurement.
+    last: Option<(Isometry3<f64>, Point3<f64>)>,
+    /// The last measurement, plausible or not: a leap does not become plausible by waiting.
+    seen: Option<Stamp>,
+    problem: Option<Implausible>,
+}
+
+impl Plausibility {
+    /// For a needle of `length` \[m\] from its base to O.
+    pub const fn new(length: f64) -> Self {
+        Self {
+            length,
+            last: None,
+            seen: None,
+            problem: None,
+        }
+    }
+
+    /// Whether the tip at `tip` with points of the shaft at `shaft` (World) can be of the needle
+    /// whose base was at `world_from_base` at the same instant. Values that are not numbers are
+    /// not of this needle.
+    pub fn admit(
+        &mut self,
+        stamp: Stamp,
+        world_from_base: &Isometry3<f64>,
+        tip: &Point3<f64>,
+        shaft: impl Iterator<Item = Point3<f64>>,
+    ) -> bool {
+        self.problem = self.check(stamp, world_from_base, tip, shaft).err();
+        if self.problem.is_none() {
+            self.last = Some((*world_from_base, *tip));
+        }
+        self.seen = Some(stamp);
+        self.problem.is_none()
+    }
+
+    /// What is wrong with the newest measurement.
+    pub const fn problem(&self) -> Option<&Implausible> {
+        self.problem.as_ref()
+    }
+
+    fn check(
+        &self,
+        stamp: Stamp,
+        world_from_base: &Isometry3<f64>,
+        tip: &Point3<f64>,
+        shaft: impl Iterator<Item = Point3<f64>>,
+    ) -> Result<(), Implausible> {
+        let length = self.length;
+        let in_base = world_from_base.inverse_transform_point(tip);
+        let chord = in_base.coords.norm();
+        // NaN fails every comparison that admits.
+        if !(chord >= SHORTEST * length - SLACK && chord <= length + SLACK) {
+            return Err(Implausible::Length {
+                chord_mm: chord * 1e3,
+                length_mm: length * 1e3,
+            });
+        }
+        let aside = in_base.coords.xy().norm();
+        if aside > ASIDE * length + SLACK || in_base.z < 0.0 {
+            return Err(Implausible::Aside {
+                aside_mm: aside * 1e3,
+            });
+        }
+        for point in shaft {
+            let away = (point - tip).norm();
+            if !(away <= length + SLACK) {
+                return Err(Implausible::Shaft {
+                    away_mm: away * 1e3,
+                });
+            }
+        }
+        if let Some((base_then, tip_then)) = &self.last {
+            let carried = world_from_base * base_then.inverse_transform_point(tip_then);
+            let by = (tip - tip_then).norm().min((tip - carried).norm());
+            let within = self
+                .seen
+                .map_or(0.0, |seen| stamp.secs_since(seen).max(0.0));
+            if by > LEAP + FASTEST * within {
+                return Err(Implausible::Leap {
+                    by_mm: by * 1e3,
+                    within_s: within,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    fn needle() -> Plausibility {
+        Plausibility::new(0.126)
+    }
+
+    fn admit(p: &mut Plausibility, seconds: f64, tip: [f64; 3]) -> bool {
+        let tip = Point3::from(tip);
+        let shaft = [tip - Vector3::z() * 0.02].into_iter();
+        p.admit(
+            Stamp::from_secs(seconds),
+            &Isometry3::identity(),
+            &tip,
+            shaft,
+        )
+    }
+
+    #[test]
+    fn units_frames_and_leaps_are_found() {
+        assert!(admit(&mut needle(), 0.0, [0.0, 0.0, 0.126]));
+        assert!(admit(&mut needle(), 0.0, [0.02, 0.0, 0.12]));
+        let problem = |tip| {
+            let mut p = needle();
+            assert!(!admit(&mut p, 0.0, tip));
+            *p.problem().unwrap()
+        };
+        assert!(matches!(
+            problem([0.0, 0.0, 126.0]),
+            Implausible::Length { .. }
+        ));
+        assert!(matches!(
+            problem([0.0, 0.0, 0.03]),
+            Implausible::Length { .. }
+        ));
+        assert!(matches!(
+            problem([f64::NAN, 0.0, 0.1]),
+            Implausible::Length { .. }
+        ));
+        assert!(matches!(
+            problem([0.09, 0.0, 0.09]),
+            Implausible::Aside { .. }
+        ));
+        assert!(matches!(
+            problem([0.0, 0.0, -0.126]),
+            Implausible::Aside { .. }
+        ));
+        let mut p = needle();
+        assert!(admit(&mut p, 0.0, [0.0, 0.0, 0.126]));
+        assert!(!admit(&mut p, 0.03, [0.01, 0.0, 0.125]));
+        assert!(matches!(p.problem(), Some(Implausible::Leap { .. })));
+        // A leap stays one; the needle is where it was.
+        assert!(!admit(&mut p, 0.06, [0.01, 0.0, 0.125]));
+        assert!(admit(&mut p, 0.09, [0.001, 0.0, 0.126]));
+        // Without measurements for long it may have been carried there.
+        assert!(admit(&mut p, 0.4, [0.01, 0.0, 0.125]));
+    }
+}

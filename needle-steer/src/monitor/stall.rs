@@ -1,0 +1,141 @@
+//! Does the tip follow the base? A shaft that buckles and a tip that sticks look alike: the base
+//! goes on, the tip does not.
+
+use std::collections::VecDeque;
+
+use hal::Stamp;
+use nalgebra::{Point3, Unit, Vector3};
+
+/// Advance of the base over which the tip's is compared \[m\]: below the 3 mm that count as blind
+/// pushing, less half a millimetre for the filter and one for the latency.
+const WINDOW: f64 = 1.5e-3;
+/// Share of the base's advance that the tip makes at least \[1\]. Sticking and slipping, bending
+/// and tissue that pushes the tip back by a fifth stay above; what stalls makes none.
+const SHARE: f64 = 0.3;
+/// Measurements that are averaged: 0.15 mm of advance at 30 Hz and 1 mm/s.
+const AVERAGED: usize = 5;
+/// Measurements kept: longer than the window at a tenth of the nominal speed.
+const KEPT: usize = 600;
+
+/// Averaged base advance and tip advance at one measurement \[m\].
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    base: f64,
+    tip: f64,
+}
+
+/// The tip stays behind the base.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Stalled {
+    /// Advance of the base \[m\].
+    pub base_m: f64,
+    /// Advance of the measured tip along its axis meanwhile \[m\].
+    pub tip_m: f64,
+    /// When it was noticed first.
+    pub since: Stamp,
+}
+
+/// Compares the advance of the tip with that of the base.
+#[derive(Clone, Debug, Default)]
+pub struct Stall {
+    recent: VecDeque<Sample>,
+    samples: VecDeque<Sample>,
+    last: Option<Point3<f64>>,
+    tip: f64,
+    finding: Option<Stalled>,
+}
+
+impl Stall {
+    /// Takes in the measured tip (World) and its axis, and the base's advance at the same instant.
+    pub fn observe(
+        &mut self,
+        exposed: Stamp,
+        base: f64,
+        tip: &Point3<f64>,
+        axis: &Unit<Vector3<f64>>,
+    ) {
+        // Differences along the axis add up to the way: their noise cancels but at both ends.
+        if let Some(last) = &self.last {
+            self.tip += axis.dot(&(tip - last));
+        }
+        self.last = Some(*tip);
+        if self.recent.len() == AVERAGED {
+            self.recent.pop_front();
+        }
+        self.recent.push_back(Sample {
+            base,
+            tip: self.tip,
+        });
+        if self.recent.len() < AVERAGED {
+            return;
+        }
+        let count = self.recent.len() as f64;
+        let now = Sample {
+            base: self.recent.iter().map(|s| s.base).sum::<f64>() / count,
+            tip: self.recent.iter().map(|s| s.tip).sum::<f64>() / count,
+        };
+        self.finding = self.compare(exposed, now);
+        if self.samples.len() == KEPT {
+            self.samples.pop_front();
+        }
+        self.samples.push_back(now);
+    }
+
+    fn compare(&self, exposed: Stamp, now: Sample) -> Option<Stalled> {
+        let before = self
+            .samples
+            .iter()
+            .rev()
+            .find(|s| s.base <= now.base - WINDOW)?;
+        let (base_m, tip_m) = (now.base - before.base, now.tip - before.tip);
+        let since = self.finding.map_or(exposed, |found| found.since);
+        (tip_m < SHARE * base_m).then_some(Stalled {
+            base_m,
+            tip_m,
+            since,
+        })
+    }
+
+    /// The tip stays behind, by the newest measurements.
+    pub const fn finding(&self) -> Option<Stalled> {
+        self.finding
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, Normal};
+
+    /// Measurements of a needle whose base advances by 1 mm/s and whose tip sticks at `sticks` mm.
+    fn noticed(sticks: f64, noise: f64, seed: u64) -> Option<f64> {
+        let mut stall = Stall::default();
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let normal = Normal::new(0.0, noise).unwrap();
+        let mut draw = || normal.sample(&mut rng);
+        for k in 0..2400_u32 {
+            let base = f64::from(k) / 30.0;
+            let axis = Unit::new_normalize(Vector3::new(0.02 * draw(), 0.02 * draw(), 1.0));
+            let tip = Point3::new(draw(), draw(), base.min(sticks) + draw()) * 1e-3;
+            stall.observe(Stamp::from_secs(base), base * 1e-3, &tip, &axis);
+            if let Some(found) = stall.finding() {
+                assert_eq!(found.since, Stamp::from_secs(base));
+                return Some(base);
+            }
+        }
+        None
+    }
+
+    #[test]
+    fn a_tip_that_sticks_is_noticed_within_two_millimetres_and_no_other() {
+        // The noise of the preset `harsh`, and none.
+        for noise in [0.0, 0.05, 0.25] {
+            for seed in 1..=20 {
+                let at = noticed(40.0, noise, seed).unwrap();
+                assert!((41.0..42.0).contains(&at), "{noise}, seed {seed}: {at}");
+                assert_eq!(noticed(1e9, noise, seed), None, "{noise}, seed {seed}");
+            }
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Has the target been passed? The estimate says when to look, the measurement says so.
+
+use hal::frame::LeftCamera;
+use hal::{Position, SensedTip, Stamp};
+use nalgebra::Vector3;
+
+/// Distance along the axis within which a target counts as passed \[m\].
+const WITHIN: f64 = 1e-3;
+/// Deviations within which the measured tip has to have reached the target's plane: 99.7 % of them.
+const SIGMAS: f64 = 3.0;
+/// Distance ahead that no sensor resolves better, with its bias \[m\].
+const LEAST: f64 = 0.15e-3;
+/// Longest wait for a measurement that agrees with the estimate \[s\]: half a second of latency,
+/// and the time in which the estimate follows the measurements.
+const PATIENCE: f64 = 3.0;
+
+/// What a look at the target's plane came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Answer {
+    /// The target is still ahead.
+    Ahead,
+    /// The estimate has passed it; a measurement has yet to say so. The arm stands still.
+    Awaited,
+    /// The measured tip has passed it.
+    Passed,
+    /// The measured tip is beyond it by so much \[m\].
+    Beyond(f64),
+    /// The measurements do not agree: the target is still so far ahead \[m\].
+    Disagree(f64),
+}
+
+/// Waits for the measurement that confirms what the estimate says.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Passing {
+    since: Option<Stamp>,
+}
+
+impl Passing {
+    /// The target as it is now; `estimated`: its distance ahead of the estimated tip \[m\];
+    /// `measured`: the newest measured tip with its exposure, in the frame of `target`.
+    pub fn look(
+        &mut self,
+        now: Stamp,
+        estimated: f64,
+        target: &Position<LeftCamera>,
+        measured: Option<&(Stamp, SensedTip)>,
+    ) -> Answer {
+        if estimated > 0.0 {
+            self.since = None;
+            return Answer::Ahead;
+        }
+        let since = *self.since.get_or_insert(now);
+        let Some((_, tip)) = measured.filter(|(exposed, _)| *exposed >= since) else {
+            return Answer::Awaited;
+        };
+        let (ahead, sigma) = ahead(target, tip);
+        if ahead < -WITHIN - SIGMAS * sigma {
+            Answer::Beyond(-ahead)
+        } else if ahead <= (SIGMAS * sigma).clamp(LEAST, WITHIN) {
+            Answer::Passed
+        } else if now.secs_since(since) > PATIENCE {
+            Answer::Disagree(ahead)
+        } else {
+            Answer::Awaited
+        }
+    }
+
+    /// Whether the arm stands still until a measurement came.
+    pub const fn is_waiting(&self) -> bool {
+        self.since.is_some()
+    }
+}
+
+/// Distance of `target` ahead of a measured tip along its axis, and its standard deviation \[m\].
+fn ahead(target: &Position<LeftCamera>, tip: &SensedTip) -> (f64, f64) {
+    let axis: Vector3<f64> = tip.direction.into_inner();
+    let offset = target.point() - tip.position.point();
+    let ahead = axis.dot(&offset);
+    let aside = (offset - axis * ahead).norm();
+    let by_position = axis.dot(&(tip.covariance * axis)).max(0.0);
+    (ahead, by_position.sqrt().hypot(aside * tip.direction_sigma))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, Point3};
+
+    fn tip(z: f64) -> SensedTip {
+        SensedTip {
+            position: Position::new(Point3::new(0.0, 0.0, z)),
+            covariance: Matrix3::identity() * 0.05e-3_f64.powi(2),
+            direction: Vector3::z_axis(),
+            direction_sigma: 2e-3,
+        }
+    }
+
+    #[test]
+    fn an_estimate_alone_passes_nothing() {
+        let target = Position::new(Point3::new(1e-3, 0.0, 0.1));
+        let at = Stamp::from_secs;
+        let look = |passing: &mut Passing, now, estimated, seen: Option<(f64, f64)>| {
+            let seen = seen.map(|(exposed, z)| (at(exposed), tip(z)));
+            passing.look(at(now), estimated, &target, seen.as_ref())
+        };
+        let mut passing = Passing::default();
+        assert_eq!(
+            look(&mut passing, 1.0, 1e-4, Some((1.0, 0.2))),
+            Answer::Ahead
+        );
+        assert_eq!(
+            look(&mut passing, 2.0, -1e-4, Some((1.9, 0.1))),
+            Answer::Awaited
+        );
+        assert_eq!(look(&mut passing, 2.1, -1e-4, None), Answer::Awaited);
+        assert_eq!(
+            look(&mut passing, 2.1, -1e-4, Some((2.05, 0.0999))),
+            Answer::Passed
+        );
+        // Thirty millimetres short: no verdict but a disagreement, in the end.
+        let short = Some((2.2, 0.07));
+        assert_eq!(look(&mut passing, 2.2, -1e-4, short), Answer::Awaited);
+        assert!(matches!(
+            look(&mut passing, 6.0, -1e-4, short),
+            Answer::Disagree(by) if (by - 0.03).abs() < 1e-9
+        ));
+        assert!(matches!(
+            look(&mut passing, 6.0, -1e-4, Some((6.0, 0.102))),
+            Answer::Beyond(by) if (by - 2e-3).abs() < 1e-9
+        ));
+        // An estimate that learns from the measurement goes on.
+        assert_eq!(look(&mut passing, 6.1, 0.03, short), Answer::Ahead);
+        assert!(!passing.is_waiting());
+    }
+}
