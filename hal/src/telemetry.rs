@@ -151,6 +151,47 @@ pub struct ModelReport {
     pub residual: f64,
 }
 
+/// Something that ends the regular course of an insertion in a simulated world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TruthEvent {
+    /// The shaft gave way.
+    Buckling,
+    /// The shaft is bent beyond its yield stress.
+    Yielding,
+    /// The tissue tore.
+    Tearing,
+    /// The cutting edge left the tissue.
+    PulledOut,
+    /// The cutting edge entered the tissue.
+    Entered,
+    /// No equilibrium was found: the state is out of balance.
+    Unconverged,
+    /// A pose of the base could not be simulated.
+    Refused,
+}
+
+impl TruthEvent {
+    /// Its name, as JSON has it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Buckling => "buckling",
+            Self::Yielding => "yielding",
+            Self::Tearing => "tearing",
+            Self::PulledOut => "pulled_out",
+            Self::Entered => "entered",
+            Self::Unconverged => "unconverged",
+            Self::Refused => "refused",
+        }
+    }
+
+    /// Whether what comes after it says little of the law: needle or tissue are damaged, or the
+    /// world is out of balance.
+    pub const fn spoils(self) -> bool {
+        !matches!(self, Self::PulledOut | Self::Entered)
+    }
+}
+
 /// Hidden truth of a simulated world; never read by a law.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TruthReport {
@@ -172,6 +213,10 @@ pub struct TruthReport {
     pub max_stretch: f64,
     /// Mean tissue displacement \[m\].
     pub mean_stretch: f64,
+    /// What happened since the report before. Not part of the messages of ROS and logs, where
+    /// notes tell of it.
+    #[serde(default)]
+    pub events: Vec<TruthEvent>,
 }
 
 /// Everything there is to show about one step of a run.

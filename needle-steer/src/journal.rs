@@ -164,6 +164,17 @@ impl Observer for Journal {
                 text: format!("phase: {:?}", telemetry.phase),
             });
         }
+        for event in telemetry.truth.iter().flat_map(|truth| &truth.events) {
+            self.write(Record::Note {
+                stamp: telemetry.stamp,
+                level: if event.spoils() {
+                    Level::Warning
+                } else {
+                    Level::Info
+                },
+                text: format!("truth: {}", event.name()),
+            });
+        }
         self.write(telemetry.clone());
     }
 

@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use hal::telemetry::Telemetry;
+use hal::Stamp;
+use hal::telemetry::{Telemetry, TruthEvent, TruthReport};
 
 use crate::config::Config;
 use crate::score::TrueFigures;
@@ -92,8 +93,7 @@ impl Ended {
             Self::TargetPassed | Self::DryRun => None,
             Self::Overrun(_) => Some(Cause::ModelFailed),
             Self::Unreachable(_) => Some(Cause::OutOfReach),
-            Self::NoProgress { cause, .. } => Some(*cause),
-            Self::TimedOut(cause) => Some(*cause),
+            Self::NoProgress { cause, .. } | Self::TimedOut(cause) => Some(*cause),
             Self::Stopped(reason) => Some(reason.cause()),
             Self::Retracted | Self::Interrupted => Some(Cause::Operator),
         }
@@ -127,11 +127,70 @@ impl Serialize for Ended {
     }
 }
 
+/// An event of the simulated world, at its onset.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Happened {
+    /// What happened.
+    pub kind: TruthEvent,
+    /// When, on the run's clock \[s\].
+    pub t_s: f64,
+}
+
+/// Rest between two events of a kind from which the second counts as another one \[s\].
+const APART: f64 = 1.0;
+/// Events kept of one run.
+const MOST_EVENTS: usize = 100;
+
+/// The events of a simulated world so far: onsets, not every exposure at which they lasted.
+#[derive(Clone, Debug, Default)]
+pub struct Events {
+    onsets: Vec<Happened>,
+    lasting: Vec<(TruthEvent, Stamp)>,
+}
+
+impl Events {
+    /// Takes in the truth of a step at `now`.
+    pub fn note(&mut self, now: Stamp, truth: &TruthReport) {
+        for kind in &truth.events {
+            let last = self.lasting.iter_mut().find(|(known, _)| known == kind);
+            let is_new = last
+                .as_ref()
+                .is_none_or(|(_, last)| now.secs_since(*last) > APART);
+            match last {
+                Some((_, last)) => *last = now,
+                None => self.lasting.push((*kind, now)),
+            }
+            if is_new && self.onsets.len() < MOST_EVENTS {
+                self.onsets.push(Happened {
+                    kind: *kind,
+                    t_s: now.as_secs(),
+                });
+            }
+        }
+    }
+
+    /// The onsets, in order.
+    pub fn onsets(&self) -> &[Happened] {
+        &self.onsets
+    }
+}
+
 /// The figures of one run, as `run --json` prints them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// The verdict.
     pub ended: Ended,
+    /// Why the target was not passed; null where it was.
+    pub cause: Option<Cause>,
+    /// Whether the target was passed, by measurement, within the goal.
+    pub hit: bool,
+    /// The goal: `target.goal_mm` \[mm\].
+    pub goal_mm: f64,
+    /// What happened in the simulated world, by onset.
+    pub events: Vec<Happened>,
+    /// Whether, in truth, the shaft buckled or yielded, the tissue tore, or the simulated world was
+    /// out of balance: such a run is counted apart.
+    pub spoilt: bool,
     /// Name of the law.
     pub law: String,
     /// Preset of the phantom.
@@ -168,10 +227,18 @@ impl Summary {
         ended: Ended,
         telemetry: &Telemetry,
         figures: Option<TrueFigures>,
+        events: &Events,
         duration: f64,
     ) -> Self {
         let mm = |value: f64| value.is_finite().then_some(value * 1e3);
+        let goal_mm = config.target.goal_mm;
+        let events = events.onsets().to_vec();
         Self {
+            cause: ended.cause(),
+            hit: ended == Ended::TargetPassed && telemetry.lateral_error * 1e3 <= goal_mm,
+            goal_mm,
+            spoilt: events.iter().any(|event| event.kind.spoils()),
+            events,
             ended,
             law: config.run.law.clone(),
             phantom: config.run.phantom.clone(),

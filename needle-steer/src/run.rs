@@ -12,7 +12,7 @@ use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::holds::Holds;
 use crate::monitor::{Freshness, Monitor};
 pub use crate::observer::{Observer, Unobserved};
-use crate::outcome::{Cause, Ended, Summary};
+use crate::outcome::{Cause, Ended, Events, Summary};
 use crate::passing::{Answer, Passing};
 use crate::progress::Progress;
 use crate::rig::{Rig, RigBuildError, Sighting};
@@ -101,6 +101,7 @@ pub struct Insertion<'a> {
     reach: ReachMonitor,
     progress: Progress,
     holds: Holds,
+    events: Events,
     phase: Phase,
     before_pause: Phase,
     straight: f64,
@@ -194,6 +195,7 @@ impl<'a> Insertion<'a> {
             reach: ReachMonitor::new(REACH_TOLERANCE),
             progress: Progress::new(config.run.insertion_speed_mm_s * 1e-3),
             holds: Holds::default(),
+            events: Events::default(),
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
@@ -402,6 +404,9 @@ impl<'a> Insertion<'a> {
             .limits
             .extend_from_slice(self.rig.arm.inner().acted());
         telemetry.truth = self.rig.world.as_ref().map(|world| world.report());
+        if let Some(truth) = &telemetry.truth {
+            self.events.note(now, truth);
+        }
         observer.step(telemetry);
         Ok(())
     }
@@ -588,6 +593,6 @@ impl<'a> Insertion<'a> {
         let duration = self
             .steering_since
             .map_or(0.0, |since| telemetry.stamp.secs_since(since));
-        Summary::new(config, ended, telemetry, figures, duration)
+        Summary::new(config, ended, telemetry, figures, &self.events, duration)
     }
 }

@@ -5,6 +5,8 @@ use std::io::Write;
 use hal::telemetry::{Limit, SteeringMode, Telemetry};
 use nalgebra::Vector3;
 
+use crate::monitor::Advance;
+
 /// One law step in the units of plots and tables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
@@ -20,6 +22,8 @@ pub struct Row {
     pub predicted_miss_mm: f64,
     /// Base displacement from its start, in World \[mm\].
     pub base_mm: Vector3<f64>,
+    /// Motion of the base along the needle's axis, integrated from its start \[mm\].
+    pub advance_mm: f64,
     /// Tilt of the base from its start \[deg\].
     pub tilt_deg: f64,
     /// Last joint \[deg\].
@@ -38,14 +42,30 @@ pub struct Row {
     pub limits: Vec<Limit>,
 }
 
+/// Makes the rows of a run from its steps, in order.
+#[derive(Clone, Debug, Default)]
+pub struct Series {
+    first: Option<Telemetry>,
+    advance: Advance,
+}
+
+impl Series {
+    /// The row of the next step.
+    pub fn row(&mut self, telemetry: &Telemetry) -> Row {
+        self.advance
+            .push(telemetry.stamp, telemetry.world_from_base.isometry());
+        let first = self.first.get_or_insert_with(|| telemetry.clone());
+        Row::new(telemetry, first, self.advance.total())
+    }
+}
+
 /// Header of the CSV, in the order of [`Row`].
 const HEADER: &str = "t_s,depth_mm,lateral_error_mm,true_lateral_error_mm,predicted_miss_mm,\
 base_x_mm,base_y_mm,base_z_mm,tilt_deg,roll_deg,stiffness_n_per_m2,mean_stretch_mm,\
-true_mean_stretch_mm,mode,duty_cycle,limits";
+true_mean_stretch_mm,mode,duty_cycle,limits,advance_mm";
 
 impl Row {
-    /// The row of one step; `start` is the telemetry of the first one.
-    pub fn new(telemetry: &Telemetry, start: &Telemetry) -> Self {
+    fn new(telemetry: &Telemetry, start: &Telemetry, advance: f64) -> Self {
         let origin = |t: &Telemetry| t.world_from_base.origin().coords();
         let axis = |t: &Telemetry| t.world_from_base.rotate(&Vector3::z());
         let truth = telemetry.truth.as_ref();
@@ -56,6 +76,7 @@ impl Row {
             true_lateral_error_mm: truth.map_or(f64::NAN, |t| t.lateral_error * 1e3),
             predicted_miss_mm: telemetry.law.predicted_miss.norm() * 1e3,
             base_mm: (origin(telemetry) - origin(start)) * 1e3,
+            advance_mm: advance * 1e3,
             tilt_deg: axis(telemetry).angle(&axis(start)).to_degrees(),
             roll_deg: telemetry
                 .joints
@@ -104,7 +125,9 @@ pub fn write_csv(rows: &[Row], mut writer: impl Write) -> std::io::Result<()> {
         for (k, limit) in row.limits.iter().enumerate() {
             write!(writer, "{}{limit:?}", if k == 0 { "," } else { " " })?;
         }
-        writer.write_all(if row.limits.is_empty() { b",\n" } else { b"\n" })?;
+        writer.write_all(if row.limits.is_empty() { b",," } else { b"," })?;
+        write_number(&mut writer, row.advance_mm)?;
+        writer.write_all(b"\n")?;
     }
     writer.flush()
 }

@@ -3,12 +3,12 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
-use hal::telemetry::TruthReport;
+use hal::telemetry::{TruthEvent, TruthReport};
 use hal::{
     Error, Joints, Position, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform,
 };
 use nalgebra::Vector3;
-use phantom::Bench;
+use phantom::{Bench, Event};
 use robots::kinematics::Chain;
 
 use crate::cycle::SeenMarker;
@@ -41,6 +41,10 @@ struct Inner {
     bench: Bench,
     stereo_from_world: Transform<LeftCamera, World>,
     score: Option<Score>,
+    /// Exposure whose events were taken last.
+    newest: Stamp,
+    /// Events since the last report.
+    events: Vec<TruthEvent>,
 }
 
 /// A handle on the world; clones share it.
@@ -64,6 +68,8 @@ impl SimulatedWorld {
             bench,
             stereo_from_world,
             score: None,
+            newest: Stamp::ZERO,
+            events: Vec::new(),
         })))
     }
 
@@ -79,6 +85,7 @@ impl SimulatedWorld {
         inner
             .bench
             .advance_to(stamp, &(inner.world_from_arm_base * base));
+        inner.note_events();
         if let Some(score) = &mut inner.score {
             if let Some(marker) = inner.bench.marker() {
                 score.follow(marker);
@@ -109,6 +116,19 @@ impl SimulatedWorld {
 }
 
 impl Inner {
+    fn note_events(&mut self) {
+        let truth = self.bench.truth();
+        if truth.stamp == self.newest {
+            return;
+        }
+        self.newest = truth.stamp;
+        for event in truth.events.iter().map(kind) {
+            if !self.events.contains(&event) {
+                self.events.push(event);
+            }
+        }
+    }
+
     fn truth(&self) -> TruthReport {
         let truth = self.bench.truth();
         TruthReport {
@@ -162,8 +182,13 @@ impl GroundTruth for SimulatedWorld {
     }
 
     fn report(&self) -> TruthReport {
-        let inner = self.lock();
-        Score::complete(inner.score.as_ref(), inner.truth())
+        let mut inner = self.lock();
+        let events = core::mem::take(&mut inner.events);
+        let truth = TruthReport {
+            events,
+            ..inner.truth()
+        };
+        Score::complete(inner.score.as_ref(), truth)
     }
 
     fn figures(&self) -> Option<TrueFigures> {
@@ -192,6 +217,19 @@ impl ShapeSensor for WorldSensor {
 impl StereoCamera for WorldSensor {
     fn poll(&mut self) -> Result<Option<StereoFrame>, Error> {
         StereoCamera::poll(&mut self.0.lock().bench)
+    }
+}
+
+/// The kind of an event of the phantom.
+const fn kind(event: &Event) -> TruthEvent {
+    match event {
+        Event::Buckling => TruthEvent::Buckling,
+        Event::Yielding { .. } => TruthEvent::Yielding,
+        Event::Tearing { .. } => TruthEvent::Tearing,
+        Event::PulledOut => TruthEvent::PulledOut,
+        Event::Entered { .. } => TruthEvent::Entered,
+        Event::Unconverged { .. } => TruthEvent::Unconverged,
+        Event::Refused => TruthEvent::Refused,
     }
 }
 

@@ -115,6 +115,7 @@ impl From<&msgs::Truth> for TruthReport {
             axial_distance: m.axial_distance,
             max_stretch: m.max_stretch,
             mean_stretch: m.mean_stretch,
+            events: Vec::new(),
         }
     }
 }

@@ -270,6 +270,7 @@ impl Plan {
         config.run.seed = task.seed;
         let t = task.target;
         config.target = Target {
+            goal_mm: config.target.goal_mm,
             kind: t.kind,
             depth_mm: t.depth_mm,
             offset_mm: t.offset_mm,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::plan::Task;
-use crate::outcome::{Ended, Summary};
+use crate::outcome::{Ended, Happened, Summary};
 
 /// One finished run, in the order of the table's columns. Units stand in the names; an empty
 /// field is not known. `docs/LOGS.md` describes the columns.
@@ -44,10 +44,14 @@ pub struct Row {
     pub duration_s: f64,
     /// Law steps.
     pub steps: u64,
+    /// Why the target was not passed; empty where it was.
+    pub cause: String,
+    /// What happened in the simulated world, each kind once, separated by spaces.
+    pub events: String,
 }
 
 /// Names of the columns.
-pub const COLUMNS: [&str; 17] = [
+pub const COLUMNS: [&str; 19] = [
     "run",
     "law",
     "phantom",
@@ -65,6 +69,8 @@ pub const COLUMNS: [&str; 17] = [
     "mean_stretch_mm",
     "duration_s",
     "steps",
+    "cause",
+    "events",
 ];
 
 impl Row {
@@ -80,6 +86,10 @@ impl Row {
             mean_stretch_mm: summary.mean_stretch_mm,
             duration_s: summary.duration_s,
             steps: summary.steps,
+            cause: summary
+                .cause
+                .map_or_else(String::new, |cause| cause.to_string()),
+            events: kinds(&summary.events),
             ..Self::failed(task, "")
         }
     }
@@ -104,6 +114,8 @@ impl Row {
             mean_stretch_mm: 0.0,
             duration_s: 0.0,
             steps: 0,
+            cause: String::new(),
+            events: String::new(),
         }
     }
 
@@ -144,6 +156,17 @@ impl Row {
         reader.read_record(&mut record)?;
         record.deserialize(Some(&csv::StringRecord::from(COLUMNS.to_vec())))
     }
+}
+
+/// The kinds of events, each once, in the order of their onset.
+fn kinds(events: &[Happened]) -> String {
+    let mut names: Vec<&str> = Vec::new();
+    for event in events {
+        if !names.contains(&event.kind.name()) {
+            names.push(event.kind.name());
+        }
+    }
+    names.join(" ")
 }
 
 #[cfg(test)]

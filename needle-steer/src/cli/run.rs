@@ -22,7 +22,7 @@ use crate::plot::write_run_plot;
 use crate::rig::Rig;
 use crate::ros::{self, Leave, Link, Session};
 use crate::run::{Insertion, Observer};
-use crate::series::{Row, write_csv};
+use crate::series::{Row, Series, write_csv};
 
 /// What a dry run does.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -239,7 +239,7 @@ struct Recorder {
     journal: Option<Journal>,
     session: Option<Session>,
     rows: Vec<Row>,
-    first: Option<Telemetry>,
+    series: Series,
     last: Option<Stamp>,
     progress: ProgressBar,
     depth_mm: f64,
@@ -257,7 +257,7 @@ impl Recorder {
             journal,
             session,
             rows: Vec::new(),
-            first: None,
+            series: Series::default(),
             last: None,
             progress,
             depth_mm,
@@ -307,8 +307,7 @@ impl Observer for Recorder {
             journal.step(telemetry);
         }
         self.last = Some(telemetry.stamp);
-        let first = self.first.get_or_insert_with(|| telemetry.clone());
-        self.rows.push(Row::new(telemetry, first));
+        self.rows.push(self.series.row(telemetry));
         if telemetry.step % 15 == 1 {
             #[expect(
                 clippy::cast_possible_truncation,

@@ -61,6 +61,7 @@ impl Config {
         )?;
         positive("run.max_duration_s", self.run.max_duration_s, 86_400.0)?;
         let target = &self.target;
+        positive("target.goal_mm", target.goal_mm, 100.0)?;
         if target.kind == TargetKind::Stereo {
             for value in target.position_mm {
                 within("target.position_mm", value, -2000.0, 2000.0)?;
@@ -207,10 +208,11 @@ impl Config {
             ("cut_angle_deg", e.cut_angle_deg, 20.0),
             ("disturbance_fade_mm", e.disturbance_fade_mm, 1e6),
             ("start_sigma_mm", e.start_sigma_mm, 100.0),
-            ("step_mm", e.step_mm, 20.0),
         ] {
             positive(&format!("estimator.{key}"), value, most)?;
         }
+        // A finer path than the model of a shaft resolves costs time and conditions nothing.
+        within("estimator.step_mm", e.step_mm, 0.5, 20.0)?;
         for (key, value, most) in [
             ("axial_load_n", e.axial_load_n, 2.0),
             ("cut_angle_sigma", e.cut_angle_sigma, 10.0),

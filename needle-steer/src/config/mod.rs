@@ -223,6 +223,8 @@ pub struct Target {
     pub angle_deg: f64,
     /// Target in the left camera's optical frame \[mm\], for `kind = "stereo"`.
     pub position_mm: [f64; 3],
+    /// Measured distance from the tip axis within which a passed target counts as hit \[mm\].
+    pub goal_mm: f64,
 }
 
 impl Default for Target {
@@ -233,6 +235,7 @@ impl Default for Target {
             offset_mm: 10.0,
             angle_deg: 135.0,
             position_mm: [0.0; 3],
+            goal_mm: 0.5,
         }
     }
 }

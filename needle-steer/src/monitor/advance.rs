@@ -66,7 +66,7 @@ mod tests {
         };
         push(&mut advance, 0, &pose);
         for k in 1..=100 {
-            pose = pose * Isometry3::translation(2e-5, 0.0, 1e-5);
+            pose *= Isometry3::translation(2e-5, 0.0, 1e-5);
             push(&mut advance, k, &pose);
         }
         assert!((advance.total() - 1e-3).abs() < 1e-12);

@@ -121,7 +121,7 @@ impl Plausibility {
         }
         for point in shaft {
             let away = (point - tip).norm();
-            if !(away <= length + SLACK) {
+            if away.is_nan() || away > length + SLACK {
                 return Err(Implausible::Shaft {
                     away_mm: away * 1e3,
                 });

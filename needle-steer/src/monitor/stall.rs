@@ -132,8 +132,10 @@ mod tests {
         // The noise of the preset `harsh`, and none.
         for noise in [0.0, 0.05, 0.25] {
             for seed in 1..=20 {
+                // Without noise after WINDOW (1 - SHARE) = 1.05 mm; noise of 0.25 mm at both ends,
+                // averaged over five, shifts that by 0.5 mm in three deviations.
                 let at = noticed(40.0, noise, seed).unwrap();
-                assert!((41.0..42.0).contains(&at), "{noise}, seed {seed}: {at}");
+                assert!((40.5..42.0).contains(&at), "{noise}, seed {seed}: {at}");
                 assert_eq!(noticed(1e9, noise, seed), None, "{noise}, seed {seed}");
             }
         }

@@ -12,7 +12,7 @@ use vision::StereoRig;
 use super::ReportError;
 use crate::config::{self, Config};
 use crate::journal::CALIBRATION;
-use crate::series::Row;
+use crate::series::{Row, Series};
 
 /// Shapes shown by the slider, about.
 const FRAMES: f64 = 80.0;
@@ -88,7 +88,7 @@ impl Course {
             result: None,
             complete: false,
         };
-        let mut first: Option<Box<Telemetry>> = None;
+        let mut series = Series::default();
         let mut next = f64::NEG_INFINITY;
         let mut next_view = f64::NEG_INFINITY;
         let mut shape: Option<SensedShape> = None;
@@ -98,10 +98,10 @@ impl Course {
                 Record::Step(t) => {
                     let time = t.stamp.as_secs();
                     target = (*t.target.point() != Point3::origin()).then(|| t.target.coords());
-                    let start = first.get_or_insert_with(|| t.clone());
+                    let row = series.row(&t);
                     course
                         .samples
-                        .push(sample(&t, start, course.samples.last()));
+                        .push(sample(&t, row, course.samples.last()));
                     if time >= next {
                         next = time + duration / FRAMES;
                         course.frame(&t);
@@ -244,8 +244,7 @@ fn duration(file: &Path) -> Result<f64, ReportError> {
     Ok(last)
 }
 
-fn sample(t: &Telemetry, start: &Telemetry, before: Option<&Sample>) -> Sample {
-    let row = Row::new(t, start);
+fn sample(t: &Telemetry, row: Row, before: Option<&Sample>) -> Sample {
     Sample {
         stiffness_sigma: t.model.stiffness_sigma,
         heading_error: t.law.heading_error.to_degrees(),
