@@ -282,6 +282,11 @@ mod tests {
                 let worse = if config.run.law == "paper" { 1.0 } else { 0.0 };
                 Ok::<_, ConfigError>(Summary {
                     ended: Ended::TargetPassed,
+                    cause: None,
+                    hit: true,
+                    goal_mm: 0.5,
+                    events: Vec::new(),
+                    spoilt: false,
                     law: config.run.law.clone(),
                     phantom: config.run.phantom.clone(),
                     seed: config.run.seed,
