@@ -99,9 +99,7 @@ impl Course {
                     let time = t.stamp.as_secs();
                     target = (*t.target.point() != Point3::origin()).then(|| t.target.coords());
                     let row = series.row(&t);
-                    course
-                        .samples
-                        .push(sample(&t, row, course.samples.last()));
+                    course.samples.push(sample(&t, row, course.samples.last()));
                     if time >= next {
                         next = time + duration / FRAMES;
                         course.frame(&t);

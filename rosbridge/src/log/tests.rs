@@ -80,6 +80,7 @@ fn telemetry(step: u64) -> Telemetry {
             axial_distance: 0.2,
             max_stretch: 0.3,
             mean_stretch: 0.4,
+            events: Vec::new(),
         }),
     }
 }
