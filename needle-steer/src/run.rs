@@ -1,11 +1,14 @@
 //! The run loop: the only code that moves an arm. Every way out of it stops the arm.
 
+mod target;
+mod verdict;
+
 use std::time::{Duration, Instant};
 
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
 
-use crate::aim::{nominal_target, stereo_target};
+use crate::aim::stereo_target;
 use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
@@ -13,14 +16,13 @@ use crate::holds::Holds;
 use crate::monitor::{Freshness, Monitor};
 pub use crate::observer::{Observer, Unobserved};
 use crate::outcome::{Cause, Ended, Events, Summary};
-use crate::passing::{Answer, Passing};
+use crate::passing::Passing;
 use crate::progress::Progress;
 use crate::rig::{Rig, RigBuildError, Sighting};
 use crate::sight::Sight;
-use crate::supervisor::{Bounds, Evidence, StopReason, Supervisor, Verdict};
-use crate::world::in_stereo_frame;
+use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
 use hybrid_control::view::Law;
-use hybrid_control::{Means, ReachMonitor, Unreachable, reachable_at_start};
+use hybrid_control::{ReachMonitor, Unreachable};
 
 /// Longest wait for a law step when no image comes \[s\]: then the law runs on prediction.
 pub const PREDICTION: f64 = 0.05;
@@ -210,34 +212,6 @@ impl<'a> Insertion<'a> {
         }
     }
 
-    /// Refuses a target that cannot be reached, as far as it is known before the start.
-    fn check_target(&self, config: &Config) -> Result<(), Unreachable> {
-        let target = self.given_target.map_or_else(
-            || self.expected_target(config),
-            |target| (self.rig.bearings.world_from_left_camera * target).coords(),
-        );
-        reachable_at_start(
-            self.cycle.estimator(),
-            &target.into(),
-            self.cycle.limits(),
-            Means::of_law(&config.run.law),
-        )
-    }
-
-    /// The target as it lies before anything moves \[m\].
-    fn expected_target(&self, config: &Config) -> nalgebra::Vector3<f64> {
-        let ahead = config.needle.length_mm * 1e-3 + self.straight;
-        let tip = self.start * nalgebra::Point3::new(0.0, 0.0, ahead);
-        nominal_target(config, &tip.coords, &self.start)
-    }
-
-    /// Marks the tissue where the target is to be, so that its motion is known when it counts.
-    fn attach_marker(&self, config: &Config) {
-        if let (TargetKind::Marker, Some(world)) = (config.target.kind, &self.rig.world) {
-            world.attach_marker(&self.expected_target(config));
-        }
-    }
-
     /// Goes on to the end, and stops the arm whatever the end is.
     fn conduct(
         &mut self,
@@ -306,34 +280,6 @@ impl<'a> Insertion<'a> {
             deadline = deadline + period;
             self.rig.clock.wait_until(deadline);
         }
-    }
-
-    /// What the monitor has to say while the needle is being inserted.
-    fn evidence(&self) -> Evidence {
-        if !matches!(self.phase, Phase::PreInsertion | Phase::Steering) {
-            return Evidence {
-                withdrawing: self.phase == Phase::Retracting,
-                ..Evidence::default()
-            };
-        }
-        Evidence {
-            withdrawing: false,
-            stalled: self.monitor.stalled(),
-            stale: self.freshness.finding(),
-            implausible: self.cycle.implausible().copied(),
-            model: self.cycle.model_failure().cloned(),
-        }
-    }
-
-    /// The law's rates, slower where the base would get too far ahead of the measurements.
-    fn slowed(&self) -> Joints {
-        let telemetry = self.cycle.telemetry();
-        let axis = telemetry.world_from_base.rotate(&nalgebra::Vector3::z());
-        if axis.dot(&telemetry.base_twist.linear) <= 0.0 {
-            return self.rates;
-        }
-        let share = self.monitor.allowed_speed();
-        self.rates.map(|rate| rate * share)
     }
 
     /// A command was refused: by an arm that faulted meanwhile, or for another reason.
@@ -480,96 +426,6 @@ impl<'a> Insertion<'a> {
         self.steering_since = Some(now);
     }
 
-    /// The target in the stereo frame. In simulation the protocol places it by the true tip.
-    fn place_target(&self, config: &Config) -> Position<hal::frame::LeftCamera> {
-        let registered = self.rig.left_from_world();
-        let Some(world) = &self.rig.world else {
-            return self.given_target.unwrap_or_else(|| {
-                let tip = self.cycle.telemetry().world_from_tip.origin().coords();
-                in_stereo_frame(&nominal_target(config, &tip, &self.start), &registered)
-            });
-        };
-        if let Some(target) = self.given_target {
-            self.watch(target);
-            return target;
-        }
-        let target = match config.target.kind {
-            TargetKind::Marker => world
-                .marker()
-                .unwrap_or_else(|| self.expected_target(config)),
-            _ => nominal_target(config, &world.true_tip(), &self.start),
-        };
-        world.watch(target);
-        in_stereo_frame(&target, &world.stereo_from_world())
-    }
-
-    /// Another target, in the stereo frame.
-    fn aim(&mut self, target: Position<hal::frame::LeftCamera>) {
-        self.given_target = Some(target);
-        if self.aimed {
-            self.cycle.set_target(target);
-            self.watch(target);
-        }
-    }
-
-    /// Keeps the score against a target in the stereo frame.
-    fn watch(&self, target: Position<hal::frame::LeftCamera>) {
-        if let Some(world) = &self.rig.world {
-            world.watch((world.stereo_from_world().inverse() * target).coords());
-        }
-    }
-
-    fn verdict(&mut self, now: Stamp) -> Option<Ended> {
-        if self.phase == Phase::Retracting && self.cycle.is_withdrawn() {
-            return Some(Ended::Retracted);
-        }
-        if self.phase != Phase::Steering {
-            return None;
-        }
-        let telemetry = self.cycle.telemetry();
-        let ahead = telemetry.axial_distance;
-        let measured = self.cycle.measured();
-        match self.passing.look(now, ahead, &telemetry.target, measured) {
-            Answer::Ahead => {}
-            Answer::Awaited => return None,
-            Answer::Passed if telemetry.depth > 0.0 => return Some(Ended::TargetPassed),
-            Answer::Passed => return Some(Ended::Stopped(StopReason::OutsideTissue)),
-            Answer::Beyond(by) => return Some(Ended::Overrun(by)),
-            Answer::Disagree(ahead_m) => {
-                return Some(Ended::Stopped(StopReason::Disagreement { ahead_m }));
-            }
-        }
-        if let Some(shortfall) = self.reach.update(now, ahead, &telemetry.law) {
-            return Some(Ended::Unreachable(shortfall));
-        }
-        let late = self.progress.update(now, ahead);
-        if self.progress.has_advanced(now) {
-            self.holds.progress();
-        }
-        let for_s = late?;
-        let cause = self.holds.cause_of(for_s);
-        let cause = cause.unwrap_or_else(|| self.cause_of_standstill());
-        Some(Ended::NoProgress { for_s, cause })
-    }
-
-    /// Why a law that is not held comes no nearer.
-    fn cause_of_standstill(&self) -> Cause {
-        use hal::telemetry::Limit;
-        let at_an_end = |limit: &Limit| {
-            matches!(
-                limit,
-                Limit::JointPosition(_) | Limit::RemainingTurns | Limit::Workspace
-            )
-        };
-        if self.cycle.telemetry().law.limits.iter().any(at_an_end) {
-            Cause::Device
-        } else if self.cycle.tissue_moves() {
-            Cause::TissueMotion
-        } else {
-            Cause::OutOfReach
-        }
-    }
-
     /// Stops and waits until the arm is at rest.
     fn come_to_rest(&mut self) -> Result<(), RunError> {
         let stopped = self.rig.arm.stop();
@@ -585,14 +441,5 @@ impl<'a> Insertion<'a> {
             }
         }
         Ok(stopped?)
-    }
-
-    fn summary(&self, config: &Config, ended: Ended) -> Summary {
-        let telemetry = self.cycle.telemetry();
-        let figures = self.rig.world.as_ref().and_then(|world| world.figures());
-        let duration = self
-            .steering_since
-            .map_or(0.0, |since| telemetry.stamp.secs_since(since));
-        Summary::new(config, ended, telemetry, figures, &self.events, duration)
     }
 }

@@ -1,0 +1,159 @@
+//! Why a run was stopped.
+
+use hal::{ArmMode, FaultReason};
+use serde::Serialize;
+
+use crate::monitor::Stalled;
+use crate::monitor::plausibility::Implausible;
+use crate::outcome::Cause;
+
+/// Why the supervisor stopped the run; latched until the run ends.
+#[derive(Clone, Debug, PartialEq, Serialize, thiserror::Error)]
+#[serde(tag = "reason", rename_all = "snake_case")]
+pub enum StopReason {
+    /// The arm faulted.
+    #[error("the arm faulted: {fault:?}")]
+    ArmFault {
+        /// The arm's own reason.
+        fault: FaultReason,
+    },
+    /// The arm left its enabled state.
+    #[error("the arm is not enabled but {mode:?}")]
+    ArmNotEnabled {
+        /// The arm's mode.
+        mode: ArmMode,
+    },
+    /// No encoder reading for too long.
+    #[error("no encoder reading for {age_s:.3} s")]
+    EncoderTimeout {
+        /// Age of the newest reading \[s\].
+        age_s: f64,
+    },
+    /// No image for too long.
+    #[error("no image for {age_s:.3} s")]
+    ImageTimeout {
+        /// Age of the newest image \[s\].
+        age_s: f64,
+    },
+    /// Images came, but no needle was found in them for too long.
+    #[error("the needle was not found in the images for {age_s:.3} s: {problem}")]
+    NeedleLost {
+        /// Age of the newest image in which it was \[s\].
+        age_s: f64,
+        /// Why it was not found in the newest image.
+        problem: String,
+    },
+    /// Every measurement comes too late.
+    #[error(
+        "measurements are {age_s:.2} s old when they arrive; the bound is {bound_s:.2} s (supervisor.image_age_ms)"
+    )]
+    MeasurementsLate {
+        /// Age of the newest at its arrival \[s\].
+        age_s: f64,
+        /// The bound \[s\].
+        bound_s: f64,
+    },
+    /// Every measurement is stamped ahead of the run's clock.
+    #[error(
+        "measurements are stamped {by_s:.2} s ahead of this machine's clock: set the clocks of both machines"
+    )]
+    MeasurementsAhead {
+        /// How far ahead \[s\].
+        by_s: f64,
+    },
+    /// The measurements cannot be of this needle.
+    #[error("{problem}")]
+    Implausible {
+        /// What is wrong with the newest.
+        problem: Implausible,
+    },
+    /// The tip stays behind the base.
+    #[error(
+        "the base advanced by {:.1} mm, the measured tip by {:.1} mm: the shaft buckles or the tip is held",
+        stalled.base_m * 1e3,
+        stalled.tip_m * 1e3
+    )]
+    Stall {
+        /// What was measured.
+        #[serde(flatten)]
+        stalled: Stalled,
+    },
+    /// The springs model has no equilibrium.
+    #[error("the needle model has no equilibrium for {for_s:.1} s: {problem}")]
+    ModelFailed {
+        /// For how long \[s\].
+        for_s: f64,
+        /// The model's words.
+        problem: String,
+    },
+    /// Estimate and measurement disagree about where the tip is.
+    #[error(
+        "the estimated tip has passed the target, the measured one is {ahead_m:.4} m in front of it"
+    )]
+    Disagreement {
+        /// Target ahead of the measured tip \[m\].
+        ahead_m: f64,
+    },
+    /// The needle is not in the tissue where it passes the target.
+    #[error("the needle passed the target outside the tissue")]
+    OutsideTissue,
+    /// Tissue stretched too far.
+    #[error("tissue stretched by {value_m:.4} m, bound {bound_m:.4} m")]
+    TissueStretch {
+        /// The model's largest stretch \[m\].
+        value_m: f64,
+        /// The bound \[m\].
+        bound_m: f64,
+    },
+    /// Lateral force at the entry too high.
+    #[error("lateral force at the entry {value_n:.2} N, bound {bound_n:.2} N")]
+    EntryForce {
+        /// The model's force \[N\].
+        value_n: f64,
+        /// The bound \[N\].
+        bound_n: f64,
+    },
+    /// The needle's base left the workspace.
+    #[error("needle base {distance_m:.4} m from the nominal axis, bound {bound_m:.4} m")]
+    Workspace {
+        /// Distance of the base from the axis \[m\].
+        distance_m: f64,
+        /// The bound \[m\].
+        bound_m: f64,
+    },
+    /// The dead-man's switch was let go.
+    #[error("dead-man's switch released for {age_s:.3} s")]
+    DeadMan {
+        /// Age of the newest token \[s\].
+        age_s: f64,
+    },
+    /// A non-finite number in the state or the command.
+    #[error("a non-finite number in {place}")]
+    NonFinite {
+        /// Where it was.
+        place: &'static str,
+    },
+}
+
+impl StopReason {
+    /// Which of the causes it is.
+    pub const fn cause(&self) -> Cause {
+        match self {
+            Self::ArmFault { .. }
+            | Self::ArmNotEnabled { .. }
+            | Self::EncoderTimeout { .. }
+            | Self::Workspace { .. } => Cause::Device,
+            Self::ImageTimeout { .. }
+            | Self::MeasurementsLate { .. }
+            | Self::MeasurementsAhead { .. } => Cause::MeasurementsLate,
+            Self::NeedleLost { .. } | Self::Implausible { .. } => Cause::NeedleLost,
+            Self::TissueStretch { .. } | Self::EntryForce { .. } => Cause::Tear,
+            Self::Stall { .. } => Cause::Stall,
+            Self::ModelFailed { .. }
+            | Self::NonFinite { .. }
+            | Self::Disagreement { .. }
+            | Self::OutsideTissue => Cause::ModelFailed,
+            Self::DeadMan { .. } => Cause::Operator,
+        }
+    }
+}

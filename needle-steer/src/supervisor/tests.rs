@@ -1,0 +1,128 @@
+use super::*;
+use hal::frame::{NeedleBase, World};
+use hal::telemetry::{LawReport, ModelReport, Phase, Tracking};
+use hal::{Joints, Position, Transform, Twist};
+use nalgebra::Isometry3;
+
+fn bounds() -> Bounds {
+    Bounds {
+        tissue_stretch: 8e-3,
+        entry_force: 5.0,
+        axis: (Point3::origin(), -Vector3::z_axis()),
+        workspace_radius: 0.06,
+        image_hold: Duration::from_millis(200),
+        image_stop: Duration::from_secs(2),
+        image_age: Duration::from_millis(550),
+        encoder_stop: Duration::from_millis(350),
+        dead_man: None,
+    }
+}
+
+fn state() -> ArmState {
+    let positions = Joints::from([0.0; 6]);
+    ArmState {
+        stamp: Stamp::ZERO,
+        positions,
+        rates: positions,
+        mode: ArmMode::Moving,
+    }
+}
+
+fn telemetry() -> Telemetry {
+    let world_from_base: Transform<World, NeedleBase> =
+        Transform::assume(Isometry3::translation(0.01, 0.0, 0.1));
+    Telemetry {
+        step: 1,
+        stamp: Stamp::ZERO,
+        image_stamp: None,
+        phase: Phase::Steering,
+        tracking: Tracking::Tracked,
+        arm_mode: ArmMode::Moving,
+        joints: state().positions,
+        joint_rates: state().positions,
+        world_from_base,
+        world_from_tip: Transform::identity(),
+        base_twist: Twist::zero(),
+        measured_tip: None,
+        target: Position::new(Point3::origin()),
+        lateral_error: 0.0,
+        axial_distance: 0.0,
+        depth: 0.0,
+        law: LawReport::default(),
+        model: ModelReport::default(),
+        truth: None,
+    }
+}
+
+#[test]
+fn bounds_are_kept_and_latched() {
+    type Change = fn(&mut Telemetry);
+    let changes: [(&str, Change); 5] = [
+        ("stretch", |t| t.model.max_stretch = 9e-3),
+        ("stretch", |t| t.model.max_stretch = f64::NAN),
+        ("force", |t| t.model.entry_force = 6.0),
+        ("rates", |t| t.joint_rates[2] = f64::NAN),
+        ("base", |t| {
+            t.world_from_base = Transform::assume(Isometry3::translation(0.05, 0.05, 0.1));
+        }),
+    ];
+    for (what, change) in changes {
+        let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
+        let good = telemetry();
+        assert_eq!(
+            supervisor.judge(Stamp::ZERO, &state(), &good, &Evidence::default()),
+            Verdict::Go
+        );
+        let mut bad = telemetry();
+        change(&mut bad);
+        let verdict = supervisor.judge(Stamp::ZERO, &state(), &bad, &Evidence::default());
+        let Verdict::Stop(reason) = verdict else {
+            panic!("{what}: {verdict:?}")
+        };
+        assert!(reason.to_string().contains(what), "{what}: {reason}");
+        // Compared as text: a reason may hold NaN.
+        let again = supervisor.judge(Stamp::ZERO, &state(), &good, &Evidence::default());
+        let Verdict::Stop(kept) = again else {
+            panic!("{what}: {again:?}")
+        };
+        assert_eq!(kept.to_string(), reason.to_string());
+        assert_eq!(
+            supervisor.latched().map(ToString::to_string),
+            Some(reason.to_string())
+        );
+    }
+}
+
+#[test]
+fn watchdogs_hold_before_they_stop() {
+    let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
+    let mut at = |seconds: f64| {
+        let now = Stamp::from_secs(seconds);
+        supervisor.judge(
+            now,
+            &ArmState {
+                stamp: now,
+                ..state()
+            },
+            &telemetry(),
+            &Evidence::default(),
+        )
+    };
+    assert_eq!(at(0.2), Verdict::Go);
+    assert_eq!(at(0.21), Verdict::Hold(Cause::MeasurementsLate));
+    assert!(matches!(
+        at(2.1),
+        Verdict::Stop(StopReason::ImageTimeout { .. })
+    ));
+    let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
+    let late = supervisor.judge(
+        Stamp::from_secs(0.36),
+        &state(),
+        &telemetry(),
+        &Evidence::default(),
+    );
+    assert!(matches!(
+        late,
+        Verdict::Stop(StopReason::EncoderTimeout { .. })
+    ));
+}
