@@ -3,13 +3,15 @@
 //! [`Cycle::step`] is the data flow in order, one line a stage. It is a function of the cycle's
 //! state and the [`Snapshot`]: no I/O, no clock.
 
+mod measurement;
+
 use hal::frame::LeftCamera;
 use hal::telemetry::{Phase, SteeringMode, Telemetry, Tracking};
 use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, StereoFrame, Transform};
 use hybrid_control::view::{Decision, Entry, Law, Springs, Target, Tip, View};
 use hybrid_control::{
-    Estimator, EstimatorError, Health, LawError, Limits, Observation, Start, TissueField,
-    lateral_error, law_by_name, target_ahead,
+    Estimator, EstimatorError, LawError, Limits, Start, TissueField, lateral_error, law_by_name,
+    target_ahead,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::{RateSettings, TwistRates};
@@ -256,84 +258,12 @@ impl Cycle {
         at_rest
     }
 
-    /// Images to curves to shape, with the base pose of their own instant.
-    fn track(&mut self, pair: &StereoFrame) -> Option<SensedTip> {
-        let world_from_base = self.odometry.at(pair.left.stamp)?;
-        let mut sight = self.sight.take()?;
-        let tracked = sight.look(pair, &world_from_base, &self.telemetry.model.shape);
-        let tip = match tracked {
-            Ok(tracked) if tracked.status == Tracking::Tracked => self.measure(&tracked.shape),
-            _ => {
-                self.telemetry.tracking = tracked.map_or(Tracking::Lost, |tracked| tracked.status);
-                None
-            }
-        };
-        self.sight = Some(sight);
-        tip
-    }
-
     /// Adds the tissue's own motion to what the law wants of the base at rest.
     fn follow_tissue(&self, base: &Isometry3<f64>, mut decision: Decision) -> Decision {
         if let Some(field) = &self.field {
             decision.twist = field.twist_within(base, &decision.twist, &self.limits);
         }
         decision
-    }
-
-    /// Takes a measurement in, with the base pose of its own instant; one that cannot be of this
-    /// needle is left out.
-    fn measure(&mut self, shape: &SensedShape) -> Option<SensedTip> {
-        let base = self.odometry.at(shape.stamp)?;
-        let world_from_camera = self.bearings.world_from_left_camera;
-        let in_world = |p: &Position<LeftCamera>| *(world_from_camera * *p).point();
-        let tip = in_world(&shape.tip.position);
-        let shaft = shape.points.iter().map(|p| in_world(&p.position));
-        if !self.plausibility.admit(shape.stamp, &base, &tip, shaft) {
-            self.telemetry.tracking = Tracking::Predicted;
-            return None;
-        }
-        let sigma = (shape.tip.covariance.trace() / 3.0).sqrt();
-        let axis = world_from_camera.rotate_direction(&shape.tip.direction);
-        self.tissue.see_tip(shape.stamp, &tip, &axis, sigma);
-        let then = self.tissue.field(shape.stamp);
-        let at_rest = |p: Point3<f64>| then.map_or(p, |field| field.point_to_rest(&p));
-        self.shaft.clear();
-        self.shaft.extend(
-            shape
-                .points
-                .iter()
-                .map(|p| (at_rest(in_world(&p.position)), p.sigma)),
-        );
-        let health = self.estimator.observe(&Observation {
-            stamp: shape.stamp,
-            world_from_base: then.map_or(base, |field| field.pose_to_rest(&base)),
-            position: at_rest(tip),
-            position_sigma: sigma,
-            direction: then.map_or(axis, |field| field.direction_to_rest(&axis)),
-            direction_sigma: shape.tip.direction_sigma,
-            shaft: &self.shaft,
-        });
-        self.tell_sway(shape, &base, sigma);
-        self.telemetry.tracking = match health {
-            Health::Used => Tracking::Tracked,
-            Health::Stale | Health::Rejected => Tracking::Predicted,
-        };
-        self.telemetry.image_stamp = Some(shape.stamp);
-        self.measured = Some((shape.stamp, shape.tip));
-        Some(shape.tip)
-    }
-
-    /// What the estimator cannot explain of the tip's way may be the tissue's. A path laid while
-    /// breathing was taken for cutting is laid anew.
-    fn tell_sway(&mut self, shape: &SensedShape, base: &Isometry3<f64>, sigma: f64) {
-        let tip = self.bearings.world_from_left_camera * shape.tip.position;
-        let unexplained = tip.coords() - self.estimator.explained_way();
-        let known = self
-            .tissue
-            .see_unexplained(shape.stamp, &unexplained, sigma);
-        if known && self.estimator.depth() < SHORT_PATH {
-            self.estimator.begin_anew(base);
-        }
     }
 
     /// Springs model at the present base, its springs born at the filtered tip. While it has no
