@@ -65,6 +65,12 @@ pub enum FaultReason {
     NotAutomatic,
     /// The controller reports an error.
     ControllerError,
+    /// The controller reports that motion is not possible.
+    MotionImpossible,
+    /// The stamps of the feedback do not fit the clock of the run.
+    ClockSkew,
+    /// Something else commands the same arm.
+    SecondController,
     /// The connection was lost.
     ConnectionLost,
     /// The peer violates the protocol.
@@ -154,6 +160,12 @@ pub trait Arm: Send {
     /// # Errors
     /// The cause is still there.
     fn reset(&mut self) -> Result<(), Error>;
+
+    /// The latched fault in words, with its figures; nothing without a fault, or where the driver
+    /// knows no more than its [`FaultReason`].
+    fn explanation(&self) -> Option<String> {
+        None
+    }
 }
 
 impl<T: Arm + ?Sized> Arm for Box<T> {
@@ -179,5 +191,9 @@ impl<T: Arm + ?Sized> Arm for Box<T> {
 
     fn reset(&mut self) -> Result<(), Error> {
         (**self).reset()
+    }
+
+    fn explanation(&self) -> Option<String> {
+        (**self).explanation()
     }
 }

@@ -21,6 +21,8 @@ pub enum ErrorKind {
     Faulted,
     /// The device's description or configuration does not fit.
     Configuration,
+    /// The device's clock is not the run's.
+    ClockSkew,
 }
 
 impl fmt::Display for ErrorKind {
@@ -33,6 +35,7 @@ impl fmt::Display for ErrorKind {
             Self::WrongMode => "not allowed in this mode",
             Self::Faulted => "faulted",
             Self::Configuration => "wrong configuration",
+            Self::ClockSkew => "clocks differ",
         })
     }
 }

@@ -106,6 +106,10 @@ impl<A: Arm> Arm for Recorded<A> {
         self.keep(Event::Reset(outcome(&result)));
         result
     }
+
+    fn explanation(&self) -> Option<String> {
+        self.arm.explanation()
+    }
 }
 
 #[cfg(test)]

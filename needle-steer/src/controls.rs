@@ -1,6 +1,7 @@
 //! What a user may ask of a run while it goes on: stop, pause, retract, another target, and the
 //! dead-man's switch.
 
+use std::io::Write;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -61,6 +62,14 @@ impl Controls {
     /// Stops the arm and ends the program.
     pub fn interrupt(&self) {
         self.interrupted.store(true, Ordering::Release);
+    }
+
+    /// Stops the arm and ends the program for a reason other than the user's wish, which is said on
+    /// standard error.
+    pub fn interrupt_because(&self, reason: &dyn std::fmt::Display) {
+        self.interrupt();
+        // Nothing can be done about a closed stderr.
+        let _ = writeln!(std::io::stderr(), "the run ends: {reason}");
     }
 
     /// Whether the program is to end.

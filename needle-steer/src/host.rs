@@ -13,12 +13,11 @@ use robots::viper::{self, Dialect, Monitor, ViperArm};
 
 use crate::clock::{WallClock, WallTime};
 use crate::config::{Config, ViperDialect};
+use crate::rig::NotAtStart;
 use crate::world::Body;
 
 /// Longest wait for the link and the first report.
 const CONNECT: Duration = Duration::from_secs(5);
-/// Distance from the start at which a joint counts as there \[rad\].
-const AT_START: f64 = 0.01;
 
 /// Why the controller cannot be used; nothing moved.
 #[derive(Debug, thiserror::Error)]
@@ -46,22 +45,12 @@ pub enum HostError {
         source: Unfit,
     },
     /// The arm does not stand at the start of the insertion.
-    #[error(
-        "the arm at {host} stands with joint {joint} (from 1) at {found_deg:.2} deg, the insertion \
-         starts at {expected_deg:.2} deg: move it to {start_deg} deg (tissue.entry_mm, \
-         needle.length_mm and [arm] set that place), or it is another arm"
-    )]
+    #[error("the controller at {host}: {source}, or it is another arm")]
     NotAtStart {
         /// Host of the controller.
         host: String,
-        /// Joint, from 1.
-        joint: usize,
-        /// Where it stands \[deg\].
-        found_deg: f64,
-        /// Where it should \[deg\].
-        expected_deg: f64,
-        /// All joints of the start \[deg\].
-        start_deg: String,
+        /// Where it stands.
+        source: Box<NotAtStart>,
     },
     /// A device.
     #[error(transparent)]
@@ -122,16 +111,9 @@ pub fn connect(
     if let Some(source) = monitor.unfit() {
         return Err(HostError::Unfit { host, source });
     }
-    let apart = |(found, expected): (&f64, &f64)| (found - expected).abs() > AT_START;
-    let joint = start.and_then(|start| state.positions.iter().zip(start.iter()).position(apart));
-    if let (Some(start), Some(joint)) = (start, joint) {
-        return Err(HostError::NotAtStart {
-            host,
-            joint: joint + 1,
-            found_deg: state.positions[joint].to_degrees(),
-            expected_deg: start[joint].to_degrees(),
-            start_deg: degrees(start),
-        });
+    if let Some(start) = start {
+        NotAtStart::check(chain, &state.positions, start)
+            .map_err(|source| HostError::NotAtStart { host, source })?;
     }
     let last = state.positions;
     Ok((arm, HostArm { monitor, last }))

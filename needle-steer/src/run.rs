@@ -154,6 +154,7 @@ impl<'a> Insertion<'a> {
         if config.run.dry_run {
             return Ok(self.summary(config, Ended::DryRun));
         }
+        self.rig.check_start(&self.first)?;
         self.attach_marker(config);
         self.rig.enable()?;
         let ended = self.conduct(config, observer, controls)?;

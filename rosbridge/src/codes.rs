@@ -58,6 +58,14 @@ codes! { SteeringMode, msgs::Law, "mode":
     Hold = HOLD,
 }
 
+/// Faults beyond the message's definition, which stays as it is so that logs of other builds can be
+/// read.
+impl msgs::ArmMode {
+    const MOTION_IMPOSSIBLE: u8 = 18;
+    const CLOCK_SKEW: u8 = 19;
+    const SECOND_CONTROLLER: u8 = 20;
+}
+
 codes! { FaultReason, msgs::ArmMode, "fault":
     NonFiniteCommand = NON_FINITE_COMMAND,
     StaleCommand = STALE_COMMAND,
@@ -72,6 +80,9 @@ codes! { FaultReason, msgs::ArmMode, "fault":
     DrivesOff = DRIVES_OFF,
     NotAutomatic = NOT_AUTOMATIC,
     ControllerError = CONTROLLER_ERROR,
+    MotionImpossible = MOTION_IMPOSSIBLE,
+    ClockSkew = CLOCK_SKEW,
+    SecondController = SECOND_CONTROLLER,
     ConnectionLost = CONNECTION_LOST,
     Protocol = PROTOCOL,
     DeadMan = DEAD_MAN,
@@ -183,7 +194,7 @@ mod tests {
         every_code_is_taken_once::<Phase>(7, 0);
         every_code_is_taken_once::<Tracking>(4, 0);
         every_code_is_taken_once::<SteeringMode>(7, 0);
-        every_code_is_taken_once::<FaultReason>(17, 1);
+        every_code_is_taken_once::<FaultReason>(20, 1);
     }
 
     #[test]

@@ -42,6 +42,9 @@ pub struct ArmNode {
     allowed: bool,
     /// When velocities last came, while they do.
     streaming: Option<Stamp>,
+    /// Whether the last velocities are held for ever.
+    holds: bool,
+    held: Option<Joints>,
 }
 
 impl ArmNode {
@@ -90,7 +93,16 @@ impl ArmNode {
             sequence: 0,
             allowed: true,
             streaming: None,
+            holds: false,
+            held: None,
         })
+    }
+
+    /// Holds the last velocities for ever, as `ros_control`'s velocity controllers do.
+    #[must_use]
+    pub const fn without_watchdog(mut self) -> Self {
+        self.holds = true;
+        self
     }
 
     /// Lets twists on `twist_cmd` move the arm; without kinematics they do not.
@@ -131,10 +143,16 @@ impl ArmNode {
         let state = arm.state()?;
         let present = self.clock.now();
         let velocities = lock(&self.newest).take();
-        let velocities = velocities.filter(|(arrived, _)| present.since(*arrived) <= AGE_LIMIT);
+        let velocities = velocities
+            .filter(|(arrived, _)| present.since(*arrived) <= AGE_LIMIT)
+            .map(|(_, rates)| rates);
+        if self.holds && velocities.is_some() {
+            self.held = velocities.filter(|rates| rates.max_abs() > 0.0);
+        }
+        let velocities = velocities.or(self.held);
         let by_hand = self.hand.rates(present, &state, &*self.to_rates);
         let rates = match velocities {
-            Some((_, rates)) => {
+            Some(rates) => {
                 // Who streams velocities has the arm.
                 self.hand.drop_all();
                 Some(rates)
@@ -202,7 +220,10 @@ impl ArmNode {
 
     fn obey(&mut self, arm: &mut dyn Arm, request: Request) {
         let done = match request.command {
-            Command::Stop => arm.stop(),
+            Command::Stop => {
+                self.held = None;
+                arm.stop()
+            }
             Command::ClearFault => arm.reset(),
             Command::Enable(allowed) => {
                 self.allowed = allowed;

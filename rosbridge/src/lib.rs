@@ -8,6 +8,7 @@
 //! * [`laboratory`], [`lockstep`]: an emulated laboratory, and its time moved by the controller.
 //! * [`emulator`]: the other side of the back end: an arm, cameras, a laboratory as a node.
 //! * [`motion`]: an arm moved by hand: twists and joint trajectories.
+//! * [`relay`]: a watchdog between a program and velocity controllers.
 //! * [`log`]: a run as an MCAP file of ROS 1 messages, written while it goes, and read back
 //!   bit by bit.
 //!
@@ -26,9 +27,10 @@ pub mod lockstep;
 pub mod log;
 pub mod motion;
 pub mod msg;
+pub mod relay;
 mod seam;
 mod status;
 mod step;
 
 pub use convert::ConvertError;
-pub use seam::{Node, NodeError, NodeOptions, TimeBase, plain_arguments};
+pub use seam::{Node, NodeEnd, NodeError, NodeOptions, TimeBase, plain_arguments};

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use hal::{CameraFrame, Clock, Error, SensedShape, Stamp, StereoCamera, StereoFrame};
 
-use crate::arm::core::Core;
+use crate::arm::core::{Core, Reading};
 use crate::arm::{RosArm, RosArmError, RosArmOptions, feedback_of};
 use crate::convert;
 use crate::laboratory::{LABORATORY, Laboratory, RosShapes};
@@ -133,7 +133,13 @@ impl Lockstep {
         let mut core = lock(&self.core);
         if let Ok((positions, rates)) = feedback_of(&state.joints, &self.joint_names) {
             let stamp = convert::stamp(state.joints.header.stamp);
-            core.feedback(now, stamp, positions, rates);
+            let reading = Reading {
+                stamp,
+                behind: now.secs_since(stamp),
+                positions,
+                rates,
+            };
+            core.feedback(now, reading);
         }
         core.robot(status::hindrance(&state.robot));
         drop(core);

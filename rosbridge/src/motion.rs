@@ -2,7 +2,8 @@
 //! `twist_cmd` (`geometry_msgs/TwistStamped`) and joint trajectories on
 //! `joint_trajectory_controller/command` (`trajectory_msgs/JointTrajectory`).
 //!
-//! What is older than 100 ms when it arrives or is looked at is dropped. A twist acts for 200 ms
+//! What is older than 100 ms when it arrives or is looked at is dropped, as is what carries a stamp
+//! from the future; the node says so on `/rosout`. A twist acts for 200 ms
 //! and has to be renewed; a trajectory runs to its end, or until an empty one or a twist comes.
 
 use std::fmt;
@@ -12,9 +13,10 @@ use std::time::Duration;
 use hal::frame::{Frame, NeedleBase, World};
 use hal::{ArmState, Joints, Stamp, Twist};
 
+use crate::arm::skew;
 use crate::convert;
 use crate::msg::{geometry_msgs, trajectory_msgs};
-use crate::seam::{Inlet, Node, NodeClock, NodeError, Time, lock};
+use crate::seam::{Inlet, Node, NodeClock, NodeError, Time, WeakNode, lock};
 
 /// Topic of the twists.
 pub const TWISTS: &str = "twist_cmd";
@@ -22,6 +24,10 @@ pub const TWISTS: &str = "twist_cmd";
 pub const TRAJECTORIES: &str = "joint_trajectory_controller/command";
 /// Age at which a message is dropped.
 const AGE_LIMIT: Duration = Duration::from_millis(100);
+/// How far ahead of the present a stamp may be.
+const AHEAD_LIMIT: Duration = Duration::from_millis(50);
+/// Shortest time between two complaints.
+const COMPLAINT: Duration = Duration::from_secs(1);
 /// Silence after which a twist ends.
 const SILENCE: Duration = Duration::from_millis(200);
 /// Gain from the distance to a trajectory to a rate \[1/s\].
@@ -81,17 +87,18 @@ impl Hand {
     pub fn new(node: &Node, joint_names: &[String]) -> Result<Self, NodeError> {
         let arrived = Arc::<Mutex<Option<(Stamp, Motion)>>>::default();
         let (filled, clock) = (Arc::clone(&arrived), node.clock());
+        let gate = Gate::new(node, TWISTS);
         Inlet::open::<geometry_msgs::TwistStamped>(node, TWISTS, 1, move |message| {
-            if is_young(&clock, message.header.stamp)
+            if gate.admits(message.header.stamp)
                 && let Some(motion) = twist(&message)
             {
                 *lock(&filled) = Some((clock.now(), motion));
             }
         })?;
         let (filled, clock) = (Arc::clone(&arrived), node.clock());
-        let names = joint_names.to_vec();
+        let (names, gate) = (joint_names.to_vec(), Gate::new(node, TRAJECTORIES));
         Inlet::open::<trajectory_msgs::JointTrajectory>(node, TRAJECTORIES, 1, move |message| {
-            if is_young(&clock, message.header.stamp)
+            if gate.admits(message.header.stamp)
                 && let Some(motion) = trajectory(&message, &names)
             {
                 *lock(&filled) = Some((clock.now(), motion));
@@ -197,10 +204,53 @@ fn along(from: &Joints, points: &[Waypoint], age: Duration) -> (Joints, Joints) 
     (last.positions, last.positions.zeroed())
 }
 
-/// A stamp of zero says "now".
-fn is_young(clock: &NodeClock, stamp: Time) -> bool {
+/// Refuses what is too old or carries a stamp from the future, and says so once a second.
+struct Gate {
+    node: WeakNode,
+    clock: NodeClock,
+    topic: &'static str,
+    said: Mutex<Option<Stamp>>,
+}
+
+impl Gate {
+    fn new(node: &Node, topic: &'static str) -> Self {
+        Self {
+            node: node.downgrade(),
+            clock: node.clock(),
+            topic,
+            said: Mutex::default(),
+        }
+    }
+
+    fn admits(&self, stamp: Time) -> bool {
+        let refusal = timely(stamp, self.clock.behind(stamp));
+        if let Err(words) = &refusal {
+            self.say(words);
+        }
+        refusal.is_ok()
+    }
+
+    fn say(&self, words: &str) {
+        let now = self.clock.now();
+        let mut said = lock(&self.said);
+        if said.is_some_and(|last| now.since(last) < COMPLAINT) {
+            return;
+        }
+        *said = Some(now);
+        drop(said);
+        if let Some(node) = self.node.upgrade() {
+            node.warn(&format!("{} refused: {words}", self.topic));
+        }
+    }
+}
+
+/// Whether a message counts whose stamp is `behind` the present \[s\]; a stamp of zero says "now".
+fn timely(stamp: Time, behind: f64) -> Result<(), String> {
     let none = stamp.sec == 0 && stamp.nsec == 0;
-    none || clock.now().since(clock.run_stamp(stamp)) <= AGE_LIMIT
+    if none || (-AHEAD_LIMIT.as_secs_f64()..=AGE_LIMIT.as_secs_f64()).contains(&behind) {
+        return Ok(());
+    }
+    Err(format!("{}, or the message was late", skew("its", behind)))
 }
 
 fn twist(message: &geometry_msgs::TwistStamped) -> Option<Motion> {
@@ -293,6 +343,19 @@ mod tests {
         assert!(moving.rates(at(200), &state(0.0), &linear).is_some());
         assert!(moving.rates(at(201), &state(0.0), &linear).is_none());
         assert!(hand(motion).rates(at(101), &state(0.0), &linear).is_none());
+    }
+
+    #[test]
+    fn stamps_from_the_past_and_the_future_are_refused_in_words() {
+        let stamp = Time { sec: 1000, nsec: 0 };
+        for (behind, good) in [(0.0, true), (0.09, true), (-0.04, true)] {
+            assert_eq!(timely(stamp, behind).is_ok(), good, "{behind}");
+        }
+        assert!(timely(Time { sec: 0, nsec: 0 }, 1e9).is_ok(), "now");
+        for (behind, words) in [(0.11, "0.110 s behind"), (-10.0, "10.000 s ahead")] {
+            let refusal = timely(stamp, behind).unwrap_err();
+            assert!(refusal.contains(words), "{refusal}");
+        }
     }
 
     #[test]

@@ -16,6 +16,8 @@ pub(crate) fn hindrance(status: &RobotStatus) -> Option<FaultReason> {
         Some(FaultReason::NotAutomatic)
     } else if status.in_error.val == TriState::TRUE {
         Some(FaultReason::ControllerError)
+    } else if status.motion_possible.val == TriState::FALSE {
+        Some(FaultReason::MotionImpossible)
     } else {
         None
     }
@@ -77,6 +79,8 @@ mod tests {
             ..RobotStatus::default()
         };
         assert_eq!(hindrance(&status), None);
+        status.motion_possible.val = TriState::FALSE;
+        assert_eq!(hindrance(&status), Some(FaultReason::MotionImpossible));
         status.mode.val = RobotMode::MANUAL;
         assert_eq!(hindrance(&status), Some(FaultReason::NotAutomatic));
     }

@@ -232,6 +232,7 @@ fn old_commands_change_nothing<H: Harness>(s: &mut Session<H>) {
         (sequence, now),
         (1, now),
         (sequence + 2, now - Duration::from_millis(150)),
+        (sequence + 2, now + Duration::from_millis(150)),
     ] {
         let command = RateCommand {
             sequence,

@@ -124,4 +124,8 @@ impl<A: Arm> Arm for Guarded<A> {
         self.last = None;
         self.arm.reset()
     }
+
+    fn explanation(&self) -> Option<String> {
+        self.arm.explanation()
+    }
 }

@@ -17,6 +17,7 @@ use super::arm::numbers;
 use super::run::{interrupt_flag, quoted};
 use crate::clock::WallTime;
 use crate::config;
+use crate::ros::Watchdog;
 
 /// Emulated hardware.
 #[derive(Debug, Subcommand)]
@@ -43,6 +44,10 @@ pub(super) struct RosArgs {
     /// Move in lockstep with the controller, on /clock.
     #[arg(long)]
     lockstep: bool,
+    /// Hold the last velocity for ever, as ros_control's velocity controllers do: what `relay` is
+    /// for.
+    #[arg(long, conflicts_with = "lockstep")]
+    no_watchdog: bool,
 }
 
 /// The program that the emulated controller runs.
@@ -92,7 +97,12 @@ fn ros(args: &RosArgs) -> anyhow::Result<ExitCode> {
     let config = config::load(args.config.as_deref(), &overrides)?;
     crate::ros::choose_master(&config)?;
     let controls = interrupt_flag()?;
-    crate::ros::emulate(&config, &controls, || {
+    let watchdog = if args.no_watchdog {
+        Watchdog::Missing
+    } else {
+        Watchdog::Stops
+    };
+    crate::ros::serve(&config, watchdog, &controls, || {
         // Nobody may be listening.
         let _ = writeln!(std::io::stdout(), "ready");
     })?;

@@ -9,6 +9,7 @@ mod check;
 mod emulate;
 mod estimate;
 mod model;
+mod relay;
 mod replay;
 mod report;
 mod reproduce;
@@ -57,6 +58,9 @@ enum Command {
     /// Emulated hardware.
     #[command(subcommand)]
     Emulate(emulate::EmulateCommand),
+    /// A watchdog between a program and velocity controllers on ROS, which have none: sends zeros
+    /// when velocities stop.
+    Relay(relay::RelayArgs),
     /// Forward kinematics of an arm: pose and Jacobian of a link.
     Fk(arm::FkArgs),
     /// Inverse kinematics of an arm: every joint vector that reaches a pose.
@@ -187,6 +191,7 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Calibrate(command) => return calibrate::execute(&command),
         Command::Track(args) => return track::execute(&args),
         Command::Emulate(command) => return emulate::execute(&command),
+        Command::Relay(args) => return relay::execute(&args),
         Command::Fk(args) => return arm::fk(&args),
         Command::Ik(args) => return arm::ik(&args),
         Command::Arms(args) => return arms::execute(&args),

@@ -112,6 +112,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     ros::choose_master(&config)?;
     let controls = interrupt_flag()?;
     let link = Link::new(&config)?;
+    if let Some(link) = &link {
+        link.end_with_node(&controls);
+    }
     let mut rig = Rig::build(&config, link.as_ref())?;
     if config.run.dry_run {
         let joints = degrees(&rig.arm.state()?.positions);

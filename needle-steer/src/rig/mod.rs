@@ -1,5 +1,6 @@
 //! From a configuration to devices: clock, arm, sensor, and the world behind them.
 
+mod at_start;
 mod devices;
 mod eyes;
 mod fit;
@@ -24,6 +25,7 @@ use crate::host::HostError;
 use crate::ros::Link;
 use crate::score::GroundTruth;
 use crate::springs::SpringsError;
+pub use at_start::NotAtStart;
 pub use devices::Pace;
 use devices::{Devices, Place, TICK};
 pub use eyes::{Eyes, Sighting};
@@ -106,6 +108,9 @@ pub enum RigBuildError {
     /// The arm behind ROS topics.
     #[error("arm over ROS: {0}")]
     RosArm(#[from] rosbridge::arm::RosArmError),
+    /// The arm stands elsewhere.
+    #[error(transparent)]
+    NotAtStart(#[from] Box<NotAtStart>),
     /// The guard's limits.
     #[error("guard: {0}")]
     Guard(#[from] LimiterError),
@@ -237,6 +242,15 @@ impl Rig {
     pub fn next_sequence(&mut self) -> u64 {
         self.sequence += 1;
         self.sequence
+    }
+
+    /// Checks that the arm stands where an insertion starts.
+    ///
+    /// # Errors
+    /// It stands elsewhere, with the figures.
+    pub fn check_start(&self, state: &hal::ArmState) -> Result<(), RigBuildError> {
+        NotAtStart::check(&self.bearings.chain, &state.positions, &self.home)?;
+        Ok(())
     }
 
     /// Enables the arm, unless motion by hand has left it so.

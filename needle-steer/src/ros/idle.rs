@@ -9,7 +9,7 @@ use robots::kinematics::RateSettings;
 use rosbridge::bridge::{Command, Request};
 use rosbridge::motion::{ToRates, TwistAxes};
 
-use super::Session;
+use super::{Session, readiness};
 use crate::config::{Config, RosClock};
 use crate::controls::Controls;
 use crate::cycle::{Bearings, Cycle};
@@ -109,7 +109,10 @@ fn idle(
         match rates {
             Some((rates, mode)) => by_hand = drive(rig, mode, rates),
             None if by_hand => {
-                stop(rig, by_hand)?;
+                // A dead arm is no reason to end the node: it may come back.
+                if let Err(error) = rig.arm.stop() {
+                    session.note(&error);
+                }
                 by_hand = false;
                 if stage == Stage::Before {
                     show(config, rig, session)?;
@@ -130,9 +133,11 @@ fn pause(period: Duration) {
     std::thread::sleep(period);
 }
 
-/// Shows the needle as it would start from here.
+/// Shows the needle as it would start from here, if the arm says where it is.
 fn show(config: &Config, rig: &mut Rig, session: &mut Session) -> Result<(), RunError> {
-    let state = rig.arm.state()?;
+    let Ok(state) = rig.arm.state() else {
+        return Ok(());
+    };
     let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
     session.show(cycle.telemetry());
     Ok(())
@@ -171,10 +176,13 @@ fn obey(
         Command::Start | Command::Retract | Command::Home if !session.allowed => {
             request.refuse("motion is not enabled");
         }
-        Command::Start if stage == Stage::Before => {
-            request.accept("starting");
-            return Some(Leave::Start);
-        }
+        Command::Start if stage == Stage::Before => match readiness::prepare(config, rig) {
+            Ok(()) => {
+                request.accept("starting");
+                return Some(Leave::Start);
+            }
+            Err(reason) => request.refuse(reason),
+        },
         Command::Start => request.refuse("the insertion has ended; launch another"),
         Command::Retract if stage == Stage::After => {
             request.accept("withdrawing the needle");
@@ -186,7 +194,7 @@ fn obey(
             session.hand.drop_all();
             match rig.arm.stop() {
                 Ok(()) => request.accept("at rest"),
-                Err(error) => request.refuse(error.to_string()),
+                Err(error) => request.refuse(readiness::words(&error)),
             }
         }
         Command::Home => match state.map(|state| way_home(config, rig, state)) {
@@ -198,11 +206,11 @@ fn obey(
                 request.accept("moving home");
             }
             Some(false) => request.refuse("the way home passes through the tissue: retract first"),
-            None => request.refuse("the arm does not report"),
+            None => request.refuse(silence(rig)),
         },
         Command::ClearFault => match rig.arm.reset() {
             Ok(()) => request.accept("no fault"),
-            Err(error) => request.refuse(reason(&error)),
+            Err(error) => request.refuse(readiness::words(&error)),
         },
         Command::Enable(allowed) => {
             session.allowed = allowed;
@@ -220,11 +228,12 @@ fn obey(
     None
 }
 
-fn reason(error: &hal::Error) -> String {
-    use std::error::Error as _;
-    error
-        .source()
-        .map_or_else(|| error.to_string(), ToString::to_string)
+/// Why there is no state of the arm.
+fn silence(rig: &mut Rig) -> String {
+    match rig.arm.state() {
+        Ok(_) => "the arm did not report a moment ago; call again".to_owned(),
+        Err(error) => readiness::words(&error),
+    }
 }
 
 /// Depth of the straight needle's tip below the surface \[m\]; negative above.

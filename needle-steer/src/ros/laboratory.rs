@@ -1,5 +1,6 @@
 //! `emulate ros`: the simulated arm, phantom and sensors as a node.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use hal::{Arm, Stamp};
@@ -20,18 +21,41 @@ const PERIOD: Duration = Duration::from_millis(8);
 /// Wait for a controller in lockstep, between looks at services and at the end.
 const PATIENCE: Duration = Duration::from_millis(20);
 
+/// What the arm does when velocities stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Watchdog {
+    /// It stops after 100 ms.
+    Stops,
+    /// It goes on for ever, as `ros_control`'s velocity controllers do.
+    Missing,
+}
+
+/// Serves a laboratory whose arm stops when velocities stop; see [`serve`].
+///
+/// # Errors
+/// As [`serve`].
+pub fn emulate(
+    config: &Config,
+    controls: &Arc<Controls>,
+    ready: impl FnOnce(),
+) -> Result<(), RigBuildError> {
+    serve(config, Watchdog::Stops, controls, ready)
+}
+
 /// Serves a laboratory until `controls` are interrupted; calls `ready` when it does.
 ///
 /// # Errors
 /// The configuration makes no laboratory, there is no master, or the arm fails.
-pub fn emulate(
+pub fn serve(
     config: &Config,
-    controls: &Controls,
+    watchdog: Watchdog,
+    controls: &Arc<Controls>,
     ready: impl FnOnce(),
 ) -> Result<(), RigBuildError> {
     let mut config = config.clone();
     config.run.backend = Backend::Sim;
     let link = Link::named(&config, "needle_steer_laboratory", TimeBase::Simulated)?;
+    link.end_with_node(controls);
     let lockstep = config.ros.clock == RosClock::Simulated;
     let pace = if lockstep {
         Pace::Free
@@ -51,7 +75,10 @@ pub fn emulate(
         .cameras
         .as_ref()
         .map(|pair| camera_models(pair).map(Some));
-    let topics = ArmNode::new(&link.node, names, cameras)?.with_kinematics(kinematics);
+    let mut topics = ArmNode::new(&link.node, names, cameras)?.with_kinematics(kinematics);
+    if watchdog == Watchdog::Missing {
+        topics = topics.without_watchdog();
+    }
     let mut lab = LabNode::new(&link.node, topics)?;
     show_next(&mut lab, &mut rig, &mut arm, truth.as_ref())?;
     ready();

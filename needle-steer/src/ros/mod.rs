@@ -6,9 +6,12 @@
 
 mod idle;
 mod laboratory;
+mod readiness;
+mod relay;
 mod remote;
 mod session;
 
+use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use hal::{Arm, ArmDescription, Clock};
@@ -26,7 +29,8 @@ use crate::rig::{Eyes, Pace};
 use crate::run::{Insertion, RunError};
 
 pub use idle::{Leave, wait};
-pub use laboratory::emulate;
+pub use laboratory::{Watchdog, emulate, serve};
+pub use relay::{RelayNodeError, relay};
 use remote::RemoteLaboratory;
 pub use session::Session;
 
@@ -118,6 +122,13 @@ impl Link {
             TimeBase::Simulated
         };
         Self::named(config, "needle_steer", simulated).map(Some)
+    }
+
+    /// Ends the program when the node is asked to end or loses its name: the arm comes to rest and
+    /// the results are written, and nobody is left to be deceived by a node out of reach.
+    pub fn end_with_node(&self, controls: &Arc<Controls>) {
+        let controls = Arc::clone(controls);
+        self.node.on_end(move |end| controls.interrupt_because(end));
     }
 
     /// Becomes a node; on a simulated clock, of this kind.

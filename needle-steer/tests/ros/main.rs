@@ -8,12 +8,14 @@
 )]
 
 mod back_end;
+mod dead_arm;
 mod launch;
+mod lifecycle;
 #[path = "../../../rosbridge/tests/ros/master.rs"]
-#[expect(dead_code, reason = "shared with tests that use more of it")]
 mod master;
 mod picture;
 mod services;
+mod velocity_arm;
 
 use std::process::{Child, Command, Stdio};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};

@@ -131,6 +131,10 @@ impl Arm for ViperArm {
     fn reset(&mut self) -> Result<(), Error> {
         self.ask(Core::reset)
     }
+
+    fn explanation(&self) -> Option<String> {
+        self.shared.core().fault().map(ToString::to_string)
+    }
 }
 
 impl Drop for ViperArm {

@@ -1,18 +1,26 @@
 //! The state machine of an arm behind ROS topics: no I/O, no clock.
 
 mod limits;
+mod refused;
+mod rest;
 mod tracking;
+mod watch;
 
 use std::time::Duration;
 
 use hal::guarded::{LimiterError, Motion};
 use limits::keeps_limits;
+pub use refused::Refused;
+pub(crate) use refused::skew;
+use rest::Rest;
 use tracking::Tracking;
 
 use hal::{
-    ArmDescription, ArmMode, ArmState, ErrorKind, FaultReason, Guard, Joints, Limiter, RateCommand,
-    Stamp,
+    ArmDescription, ArmMode, ArmState, FaultReason, Guard, Joints, Limiter, RateCommand, Stamp,
 };
+
+/// How far the stamp of a reading may be ahead of its arrival.
+const AHEAD: Duration = Duration::from_millis(50);
 
 /// Times after which something is stale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,76 +53,35 @@ impl Default for ArmTiming {
     }
 }
 
-/// Why an order was refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Refused {
-    /// No feedback has come yet.
-    #[error("no feedback has come yet")]
-    NoFeedback,
-    /// The feedback is too old.
-    #[error("last feedback {age_ms} ms ago")]
-    StaleFeedback {
-        /// Its age \[ms\].
-        age_ms: u128,
-    },
-    /// Not in this mode.
-    #[error("not in mode {mode:?}")]
-    Mode {
-        /// The mode.
-        mode: ArmMode,
-    },
-    /// A fault is latched.
-    #[error("faulted: {reason:?}")]
-    Faulted {
-        /// The fault.
-        reason: FaultReason,
-    },
-    /// The robot's controller says that it cannot move.
-    #[error("the robot's controller reports {reason:?}; clear it there first")]
-    Hindered {
-        /// What it says.
-        reason: FaultReason,
-    },
-    /// A value is not finite.
-    #[error("a rate is not finite")]
-    NonFinite,
-    /// The wrong number of rates.
-    #[error("{found} rates for {expected} joints")]
-    Size {
-        /// Rates in the command.
-        found: usize,
-        /// Joints of the arm.
-        expected: usize,
-    },
-    /// The sequence number does not increase.
-    #[error("command {sequence} after {last}")]
-    Sequence {
-        /// Number of the command.
-        sequence: u64,
-        /// Number of the last accepted command.
-        last: u64,
-    },
-    /// The command is too old.
-    #[error("command is {age_ms} ms old")]
-    Late {
-        /// Its age \[ms\].
-        age_ms: u128,
-    },
+/// Which deviations to accept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArmTolerances {
+    /// Largest distance between commanded and measured positions \[rad\].
+    pub tracking: f64,
+    /// How far a joint may move while no motion is commanded \[rad\]: 3 mrad are 2 mm at the
+    /// needle of an arm of the Viper's size.
+    pub rest: f64,
 }
 
-impl Refused {
-    /// The kind of error that a caller acts on.
-    pub const fn kind(&self) -> ErrorKind {
-        match self {
-            Self::NoFeedback => ErrorKind::Disconnected,
-            Self::StaleFeedback { .. } => ErrorKind::Timeout,
-            Self::Mode { .. } => ErrorKind::WrongMode,
-            Self::Faulted { .. } | Self::Hindered { .. } => ErrorKind::Faulted,
-            Self::NonFinite | Self::Size { .. } | Self::Sequence { .. } | Self::Late { .. } => {
-                ErrorKind::Rejected
-            }
+impl Default for ArmTolerances {
+    fn default() -> Self {
+        Self {
+            tracking: 0.02,
+            rest: 3e-3,
         }
     }
+}
+
+/// One message of feedback.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reading {
+    /// Its stamp on the clock of the run.
+    pub(crate) stamp: Stamp,
+    /// How far the stamp is behind its arrival \[s\]; negative: ahead.
+    pub(crate) behind: f64,
+    pub(crate) positions: Joints,
+    /// Missing ones are differences.
+    pub(crate) rates: Option<Joints>,
 }
 
 /// Newest feedback.
@@ -140,12 +107,21 @@ pub(crate) struct Core {
     tolerance: f64,
     period: f64,
     mode: ArmMode,
+    /// What the latched fault was, with figures.
+    words: String,
     feedback: Option<Feedback>,
+    /// When feedback last came with stamps that do not fit, and how far they are behind \[s\].
+    skewed: Option<(Stamp, f64)>,
     command: Option<Accepted>,
     last_sequence: Option<u64>,
     /// Why the robot's controller cannot move it, where it says so.
     hindrance: Option<FaultReason>,
+    /// Others that command the same arm, and where.
+    others: Option<(String, Vec<String>)>,
+    /// Why the node can no longer command it.
+    cut_off: Option<String>,
     tracking: Tracking,
+    rest: Rest,
     zeros: Joints,
     closed: bool,
 }
@@ -154,7 +130,7 @@ impl Core {
     pub(crate) fn new(
         description: &ArmDescription,
         timing: ArmTiming,
-        tolerance: f64,
+        tolerances: ArmTolerances,
     ) -> Result<Self, LimiterError> {
         let joints = description.limits.len();
         let limiter = Limiter::new(&description.limits, 0.0, description.period)?;
@@ -162,33 +138,50 @@ impl Core {
         Ok(Self {
             guard: Guard::new(limiter),
             timing,
-            tolerance,
+            tolerance: tolerances.tracking,
             period: description.period.as_secs_f64(),
             mode: ArmMode::Disconnected,
+            words: String::new(),
             feedback: None,
+            skewed: None,
             command: None,
             last_sequence: None,
             hindrance: None,
-            tracking: Tracking::new(&timing, tolerance, description.period),
+            others: None,
+            cut_off: None,
+            tracking: Tracking::new(&timing, tolerances.tracking, description.period),
+            rest: Rest::new(tolerances.rest),
             zeros,
             closed: false,
         })
     }
 
-    /// Takes in feedback that arrived at `now`; missing rates are differences.
-    pub(crate) fn feedback(
-        &mut self,
-        now: Stamp,
-        stamp: Stamp,
-        positions: Joints,
-        rates: Option<Joints>,
-    ) {
-        let rates = rates.unwrap_or_else(|| match &self.feedback {
-            Some(last) if stamp > last.stamp => {
+    /// Takes in feedback that arrived at `now`. A repeated reading says nothing new, and one
+    /// whose stamp does not fit the clock of the run is no evidence.
+    pub(crate) fn feedback(&mut self, now: Stamp, reading: Reading) {
+        let Reading {
+            stamp,
+            behind,
+            positions,
+            rates,
+        } = reading;
+        let last = self.feedback;
+        if last.is_some_and(|last| stamp == last.stamp) {
+            return;
+        }
+        if !(-AHEAD.as_secs_f64()..=self.timing.feedback.as_secs_f64()).contains(&behind) {
+            self.skewed = Some((now, behind));
+            return;
+        }
+        if last.is_some_and(|last| stamp < last.stamp) {
+            return;
+        }
+        let rates = rates.unwrap_or_else(|| match &last {
+            Some(last) => {
                 let dt = stamp.secs_since(last.stamp);
                 positions.zip(&last.positions, |new, old| (new - old) / dt)
             }
-            _ => self.zeros,
+            None => self.zeros,
         });
         self.feedback = Some(Feedback {
             arrived: now,
@@ -199,6 +192,21 @@ impl Core {
         if self.mode == ArmMode::Disconnected {
             self.mode = ArmMode::Connected;
         }
+    }
+
+    /// Takes in who else publishes velocities on `topic`.
+    pub(crate) fn others(&mut self, topic: &str, nodes: Vec<String>) {
+        self.others = (!nodes.is_empty()).then(|| (topic.to_owned(), nodes));
+    }
+
+    /// From now on nothing that is sent can be relied on.
+    pub(crate) fn cut_off(&mut self, why: &str) {
+        self.cut_off = Some(why.to_owned());
+    }
+
+    /// What the latched fault was, with figures.
+    pub(crate) fn explanation(&self) -> Option<String> {
+        matches!(self.mode, ArmMode::Faulted(_)).then(|| self.words.clone())
     }
 
     /// Takes in what the robot's controller says of itself.
@@ -219,14 +227,18 @@ impl Core {
     pub(crate) fn enable(&mut self, now: Stamp) -> Result<(), Refused> {
         match self.mode {
             ArmMode::Connected => {}
-            ArmMode::Faulted(reason) => return Err(Refused::Faulted { reason }),
+            ArmMode::Faulted(reason) => return Err(self.refused(reason)),
             mode => return Err(Refused::Mode { mode }),
         }
         if let Some(reason) = self.hindrance {
             return Err(Refused::Hindered { reason });
         }
+        if let Some((topic, nodes)) = self.others.clone() {
+            return Err(Refused::SecondController { topic, nodes });
+        }
         let positions = self.fresh(now)?.positions;
         self.tracking.restart(positions);
+        self.rest.restart();
         self.guard.assume(Motion::steady(self.zeros));
         self.command = None;
         self.mode = ArmMode::Enabled;
@@ -236,11 +248,14 @@ impl Core {
     pub(crate) fn command(&mut self, now: Stamp, command: &RateCommand) -> Result<(), Refused> {
         match self.mode {
             ArmMode::Enabled | ArmMode::Moving => {}
-            ArmMode::Faulted(reason) => return Err(Refused::Faulted { reason }),
+            ArmMode::Faulted(reason) => return Err(self.refused(reason)),
             mode => return Err(Refused::Mode { mode }),
         }
         if !command.rates.is_finite() {
-            self.fault(FaultReason::NonFiniteCommand);
+            self.fault(
+                FaultReason::NonFiniteCommand,
+                "a rate is not finite".to_owned(),
+            );
             return Err(Refused::NonFinite);
         }
         let (found, expected) = (command.rates.len(), self.zeros.len());
@@ -259,6 +274,12 @@ impl Core {
         if age > self.timing.command_late {
             return Err(Refused::Late {
                 age_ms: age.as_millis(),
+            });
+        }
+        let ahead = command.stamp.since(now);
+        if ahead > self.timing.command_hold {
+            return Err(Refused::Ahead {
+                ahead_ms: ahead.as_millis(),
             });
         }
         self.last_sequence = Some(command.sequence);
@@ -283,8 +304,8 @@ impl Core {
                 return Err(Refused::Hindered { reason });
             }
             self.fresh(now)?;
-            if !self.is_rest() || self.outside_limits() {
-                return Err(Refused::Faulted { reason });
+            if !self.is_rest() || self.outside_limits().is_some() || self.cut_off.is_some() {
+                return Err(self.refused(reason));
             }
             self.mode = ArmMode::Connected;
         }
@@ -356,31 +377,6 @@ impl Core {
         self.guard.step(positions, wanted, self.period).rates
     }
 
-    /// Faults of an arm that we command.
-    fn supervise(&mut self, now: Stamp, feedback: &Feedback) {
-        if !matches!(
-            self.mode,
-            ArmMode::Enabled | ArmMode::Moving | ArmMode::Stopping
-        ) {
-            return;
-        }
-        if let Some(reason) = self.hindrance {
-            return self.fault(reason);
-        }
-        if now.since(feedback.arrived) > self.timing.feedback {
-            self.fault(FaultReason::StaleFeedback);
-        } else if self.outside_limits() {
-            self.fault(FaultReason::JointLimit);
-        } else if self.tracking.is_lost(&feedback.positions) {
-            self.fault(FaultReason::TrackingError);
-        } else if let Some(command) = self.command
-            && command.rates != self.zeros
-            && now.since(command.arrived) > self.timing.command_fault
-        {
-            self.fault(FaultReason::StaleCommand);
-        }
-    }
-
     fn wanted(&self, now: Stamp) -> Joints {
         match (&self.command, self.mode) {
             (Some(command), ArmMode::Moving)
@@ -392,29 +388,39 @@ impl Core {
         }
     }
 
-    fn fault(&mut self, reason: FaultReason) {
+    fn fault(&mut self, reason: FaultReason, words: String) {
         self.command = None;
         self.mode = ArmMode::Faulted(reason);
+        self.words = words;
+    }
+
+    fn refused(&self, reason: FaultReason) -> Refused {
+        Refused::Faulted {
+            reason,
+            words: self.words.clone(),
+        }
     }
 
     fn fresh(&self, now: Stamp) -> Result<&Feedback, Refused> {
-        let feedback = self.feedback.as_ref().ok_or(Refused::NoFeedback)?;
-        let age = now.since(feedback.arrived);
-        if age > self.timing.feedback {
-            return Err(Refused::StaleFeedback {
-                age_ms: age.as_millis(),
-            });
+        let age = self.feedback.as_ref().map(|last| now.since(last.arrived));
+        match (&self.feedback, age) {
+            (Some(feedback), Some(age)) if age <= self.timing.feedback => Ok(feedback),
+            (_, age) => Err(match (self.skew(now), age) {
+                (Some(behind_s), _) => Refused::Skew { behind_s },
+                (None, Some(age)) => Refused::StaleFeedback {
+                    age_ms: age.as_millis(),
+                },
+                (None, None) => Refused::NoFeedback,
+            }),
         }
-        Ok(feedback)
     }
 
-    /// Outside a joint's limits by more than the tolerance of tracking.
-    fn outside_limits(&self) -> bool {
+    /// A joint outside its limits by more than the tolerance of tracking.
+    fn outside_limits(&self) -> Option<usize> {
         let limits = self.guard.limiter().limits();
-        self.feedback.is_some_and(|feedback| {
-            feedback.positions.iter().zip(limits).any(|(q, limit)| {
-                *q < limit.lower - self.tolerance || *q > limit.upper + self.tolerance
-            })
+        let positions = self.feedback?.positions;
+        positions.iter().zip(limits).position(|(q, limit)| {
+            *q < limit.lower - self.tolerance || *q > limit.upper + self.tolerance
         })
     }
 }

@@ -6,6 +6,7 @@
 //! that is not where it was commanded to be, faults the arm.
 
 pub(crate) mod core;
+mod peers;
 
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -18,8 +19,10 @@ use crate::convert::ConvertError;
 use crate::msg::{industrial_msgs, sensor_msgs, std_msgs};
 use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, lock};
 use crate::status;
-use core::Core;
-pub use core::{ArmTiming, Refused};
+pub(crate) use core::skew;
+pub use core::{ArmTiming, ArmTolerances, Refused};
+use core::{Core, Reading};
+use peers::Peers;
 
 /// Longest time that the arm may take to come to rest when it is dropped.
 const FAREWELL: Duration = Duration::from_secs(2);
@@ -31,8 +34,8 @@ pub struct RosArmOptions {
     pub description: ArmDescription,
     /// Times after which something is stale.
     pub timing: ArmTiming,
-    /// Largest distance between commanded and measured positions \[rad\].
-    pub tracking_tolerance: f64,
+    /// Which deviations to accept.
+    pub tolerances: ArmTolerances,
     /// Topic of the feedback.
     pub joint_states: String,
     /// Topic of the velocities.
@@ -48,7 +51,7 @@ impl RosArmOptions {
         Self {
             description,
             timing: ArmTiming::default(),
-            tracking_tolerance: 0.05,
+            tolerances: ArmTolerances::default(),
             joint_states: "joint_states".to_owned(),
             velocities: "joint_group_velocity_controller/command".to_owned(),
             robot_status: "robot_status".to_owned(),
@@ -73,6 +76,9 @@ pub enum RosArmError {
         /// Number of limits.
         limits: usize,
     },
+    /// Another node commands the same arm.
+    #[error(transparent)]
+    SecondController(#[from] Refused),
     /// No emulated laboratory answers.
     #[error("no emulated laboratory in lockstep on topic {topic} within {seconds} s")]
     NoLaboratory {
@@ -93,29 +99,46 @@ pub struct RosArm {
     clock: NodeClock,
     core: Arc<Mutex<Core>>,
     thread: Option<JoinHandle<()>>,
+    /// Kept while the arm is.
+    peers: Option<Peers>,
 }
 
 impl RosArm {
     /// Subscribes, advertises and waits for feedback in the background.
     ///
     /// # Errors
-    /// The master does not register the topics, or the description does not fit.
+    /// The master does not register the topics, the description does not fit, or another node
+    /// publishes velocities for the same arm.
     pub fn new(node: &Node, options: RosArmOptions) -> Result<Self, RosArmError> {
         let mut arm = Self::undriven(node, &options)?;
+        // Before this node is a second publisher itself: a run under way would stop for it.
+        peers::refuse_others(node, &options.velocities)?;
         let names = options.description.joint_names;
         let velocities = Outlet::new(node, &options.velocities, 1, false)?;
         let (feedback, clock) = (Arc::clone(&arm.core), node.clock());
         Inlet::open::<sensor_msgs::JointState>(node, &options.joint_states, 1, move |message| {
             // Messages of other devices on the same topic, or nonsense: feedback grows stale.
             if let Ok((positions, rates)) = feedback_of(&message, &names) {
-                let stamp = clock.run_stamp(message.header.stamp);
-                lock(&feedback).feedback(clock.now(), stamp, positions, rates);
+                let reading = Reading {
+                    stamp: clock.run_stamp(message.header.stamp),
+                    behind: clock.behind(message.header.stamp),
+                    positions,
+                    rates,
+                };
+                lock(&feedback).feedback(clock.now(), reading);
             }
         })?;
         let told = Arc::clone(&arm.core);
         Inlet::open::<industrial_msgs::RobotStatus>(node, &options.robot_status, 1, move |m| {
             lock(&told).robot(status::hindrance(&m));
         })?;
+        arm.peers = Some(Peers::watch(node, &options.velocities, &arm.core)?);
+        let cut = Arc::downgrade(&arm.core);
+        node.on_end(move |end| {
+            if let Some(core) = cut.upgrade() {
+                lock(&core).cut_off(&end.to_string());
+            }
+        });
         let (driven, clock) = (Arc::clone(&arm.core), node.clock());
         let period = options.description.period;
         let thread = std::thread::Builder::new()
@@ -133,12 +156,13 @@ impl RosArm {
         if names != limits {
             return Err(RosArmError::Names { names, limits });
         }
-        let core = Core::new(&description, options.timing, options.tracking_tolerance)?;
+        let core = Core::new(&description, options.timing, options.tolerances)?;
         Ok(Self {
             description,
             clock: node.clock(),
             core: Arc::new(Mutex::new(core)),
             thread: None,
+            peers: None,
         })
     }
 
@@ -179,6 +203,10 @@ impl Arm for RosArm {
 
     fn reset(&mut self) -> Result<(), Error> {
         self.with_core(Core::reset)
+    }
+
+    fn explanation(&self) -> Option<String> {
+        lock(&self.core).explanation()
     }
 }
 

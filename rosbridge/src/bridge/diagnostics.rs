@@ -1,22 +1,35 @@
 //! The state of a run in the terms of `/diagnostics`.
 
+use std::time::Duration;
+
 use hal::telemetry::{Phase, Telemetry, Tracking};
 use hal::{ArmMode, Stamp};
 
 use crate::convert;
 use crate::msg::diagnostic_msgs::{DiagnosticArray, DiagnosticStatus, KeyValue};
 
+/// The newest reading of an arm.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reading {
+    pub(super) mode: ArmMode,
+    /// Time since it came.
+    pub(super) age: Duration,
+    /// Whether the arm still counts as reporting.
+    pub(super) is_fresh: bool,
+}
+
 /// One status each for the run, the arm, the tracking and the bridge.
 pub(super) fn message(
     latest: Option<&Telemetry>,
+    arm: Option<Reading>,
     stamp: Stamp,
     node: &str,
     dropped: u64,
 ) -> DiagnosticArray {
     let node = node.trim_start_matches('/');
-    let mut status = vec![bridge(dropped)];
+    let mut status = vec![bridge(dropped), report(arm)];
     if let Some(t) = latest {
-        status.extend([run(t), arm(t), tracking(t)]);
+        status.extend([run(t), tracking(t)]);
     }
     for status in &mut status {
         status.name = format!("{node}: {}", status.name);
@@ -65,13 +78,33 @@ fn run(t: &Telemetry) -> DiagnosticStatus {
     )
 }
 
-fn arm(t: &Telemetry) -> DiagnosticStatus {
-    let level = match t.arm_mode {
+/// An arm that reports no more is in error, whatever it said last.
+fn report(arm: Option<Reading>) -> DiagnosticStatus {
+    let Some(Reading {
+        mode,
+        age,
+        is_fresh,
+    }) = arm
+    else {
+        return status(
+            DiagnosticStatus::ERROR,
+            "arm",
+            "the arm has not reported yet".to_owned(),
+            &[],
+        );
+    };
+    let age = age.as_secs_f64();
+    let values = [("age of the newest reading [s]", age)];
+    if !is_fresh {
+        let message = format!("the arm does not report: last reading {age:.1} s ago ({mode:?})");
+        return status(DiagnosticStatus::ERROR, "arm", message, &values);
+    }
+    let level = match mode {
         ArmMode::Faulted(_) => DiagnosticStatus::ERROR,
         ArmMode::Disconnected => DiagnosticStatus::WARN,
         _ => DiagnosticStatus::OK,
     };
-    status(level, "arm", format!("{:?}", t.arm_mode), &[])
+    status(level, "arm", format!("{mode:?}"), &values)
 }
 
 fn tracking(t: &Telemetry) -> DiagnosticStatus {
@@ -99,4 +132,31 @@ fn bridge(dropped: u64) -> DiagnosticStatus {
         "publishing".to_owned(),
         &values,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_arm_that_reports_no_more_is_an_error_whatever_it_said_last() {
+        let level = |age_ms, is_fresh, mode| {
+            let age = Duration::from_millis(age_ms);
+            let status = report(Some(Reading {
+                mode,
+                age,
+                is_fresh,
+            }));
+            (status.level, status.message)
+        };
+        let (alive, _) = level(5, true, ArmMode::Connected);
+        assert_eq!(alive, DiagnosticStatus::OK);
+        let (dead, message) = level(3_200, false, ArmMode::Connected);
+        assert_eq!(dead, DiagnosticStatus::ERROR);
+        assert!(
+            message.contains("does not report") && message.contains("3.2 s"),
+            "{message}"
+        );
+        assert_eq!(report(None).level, DiagnosticStatus::ERROR);
+    }
 }

@@ -5,7 +5,7 @@
 //!
 //! | topic | type | rate on the wall clock |
 //! |---|---|---|
-//! | `joint_states` | `sensor_msgs/JointState` | 100 Hz |
+//! | `joint_states` | `sensor_msgs/JointState` | 100 Hz, while the arm reports |
 //! | `/tf` (tip below the needle's base) | `tf2_msgs/TFMessage` | 50 Hz |
 //! | `/tf_static` (world, cameras; latched) | `tf2_msgs/TFMessage` | once |
 //! | `needle/tip` | `geometry_msgs/PoseStamped` | 50 Hz |
@@ -14,6 +14,9 @@
 //! | `left/image_raw`, `right/image_raw`, `.../camera_info` | `sensor_msgs/Image`, `CameraInfo` | as taken, with subscribers |
 //! | `overlay` | `sensor_msgs/Image` (rgb8) | as shown, with subscribers |
 //! | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | 1 Hz |
+//!
+//! Between two readings of the arm the newest one is repeated with its own stamp. An arm that has
+//! not reported for 200 ms is not shown any more, and in error on `/diagnostics`.
 //!
 //! On a [simulated](crate::TimeBase::Simulated) clock every snapshot is published as it comes,
 //! and `/clock` with it.

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use hal::frame::World;
-use hal::{ArmState, Joints, Stamp, Telemetry};
+use hal::{ArmMode, ArmState, Joints, Stamp, Telemetry};
 
 use super::cameras::CameraOutlet;
 use super::{BridgeOptions, Frames, Item, Rates, diagnostics};
@@ -18,6 +18,8 @@ use crate::msg::{
 };
 use crate::seam::{Node, NodeError, Outlet, TimeBase};
 
+/// Time after its arrival for which a reading of the arm counts.
+const FRESH: Duration = Duration::from_millis(200);
 /// Shortest period of the thread.
 const SHORTEST: f64 = 1e-3;
 
@@ -38,6 +40,8 @@ pub(super) struct Publisher {
     dropped: Arc<AtomicU64>,
     latest: Option<Arc<Telemetry>>,
     joints: Option<Sample>,
+    /// Whether the arm's own readings come; until then those of the snapshots count.
+    reports: bool,
     next_markers: Stamp,
     tick: Duration,
     /// Ticks from one message to the next.
@@ -69,12 +73,21 @@ impl Every {
     }
 }
 
-/// Joint positions and rates, when they were true, and when they came.
+/// A reading of the arm, when it was true, and when it came.
 #[derive(Clone, Copy)]
 struct Sample {
     stamp: Stamp,
     positions: Joints,
     rates: Joints,
+    mode: ArmMode,
+    arrived: Instant,
+}
+
+impl Sample {
+    /// Whether the arm still reports: old readings say nothing of where it is now.
+    fn is_fresh(&self) -> bool {
+        self.arrived.elapsed() <= FRESH
+    }
 }
 
 impl Publisher {
@@ -119,6 +132,7 @@ impl Publisher {
             dropped,
             latest: None,
             joints: None,
+            reports: false,
             next_markers: Stamp::ZERO,
             tick: Duration::try_from_secs_f64(tick).unwrap_or(Duration::from_millis(10)),
             every: Every::new(&options.rates),
@@ -153,14 +167,12 @@ impl Publisher {
     fn take(&mut self, item: Item) {
         match item {
             Item::Step(telemetry) => {
-                let newer = self
-                    .joints
-                    .is_none_or(|joints| joints.stamp < telemetry.stamp);
-                if newer {
-                    self.joints = Some(Sample {
+                if !self.reports {
+                    self.note(&ArmState {
                         stamp: telemetry.stamp,
                         positions: telemetry.joints,
                         rates: telemetry.joint_rates,
+                        mode: telemetry.arm_mode,
                     });
                 }
                 if self.is_simulated() {
@@ -168,17 +180,9 @@ impl Publisher {
                 }
                 self.latest = Some(telemetry);
             }
-            Item::Arm(ArmState {
-                stamp,
-                positions,
-                rates,
-                ..
-            }) => {
-                self.joints = Some(Sample {
-                    stamp,
-                    positions,
-                    rates,
-                });
+            Item::Arm(state) => {
+                self.reports = true;
+                self.note(&state);
             }
             Item::Stereo(frame) => {
                 let [left, right] = &self.cameras;
@@ -191,6 +195,25 @@ impl Publisher {
                         .send(overlay.message(self.node.clock().ros_stamp(overlay.image.stamp)));
                 }
             }
+        }
+    }
+
+    /// Takes in a reading of the arm. One that is repeated is not fresh.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "whether the arm still reports is wall-clock time, whatever the run's clock"
+    )]
+    fn note(&mut self, state: &ArmState) {
+        if self.joints.is_none_or(|last| last.stamp < state.stamp) {
+            self.joints = Some(Sample {
+                stamp: state.stamp,
+                positions: state.positions,
+                rates: state.rates,
+                mode: state.mode,
+                arrived: Instant::now(),
+            });
+        } else if let Some(last) = &mut self.joints {
+            last.mode = state.mode;
         }
     }
 
@@ -209,7 +232,7 @@ impl Publisher {
                 clock: convert::time(stamp),
             });
         }
-        self.send_joints(stamp);
+        self.send_joints();
         self.send_poses(telemetry, stamp);
         if telemetry.stamp >= self.next_markers {
             self.next_markers = telemetry.stamp + Duration::from_millis(50);
@@ -217,21 +240,32 @@ impl Publisher {
         }
     }
 
-    /// Publishes what is due, stamped with the present: what was measured still holds.
+    /// Publishes what is due, as long as the arm reports: the newest reading with its own stamp,
+    /// what follows from it with the present one.
     fn tick(&mut self) {
         self.ticks += 1;
         let due = |every: u64| self.ticks.is_multiple_of(every);
         let stamp = self.node.clock().ros_stamp(self.node.clock().now());
         if due(self.every.diagnostics) {
             let dropped = self.dropped.load(Ordering::Relaxed);
-            let message =
-                diagnostics::message(self.latest.as_deref(), stamp, self.node.name(), dropped);
+            let arm = self.joints.map(|joints| diagnostics::Reading {
+                mode: joints.mode,
+                age: joints.arrived.elapsed(),
+                is_fresh: joints.is_fresh(),
+            });
+            let message = diagnostics::message(
+                self.latest.as_deref(),
+                arm,
+                stamp,
+                self.node.name(),
+                dropped,
+            );
             self.diagnostics.send(message);
         }
-        if self.is_simulated() {
+        if self.is_simulated() || !self.joints.is_some_and(|joints| joints.is_fresh()) {
             return;
         }
-        self.send_joints(stamp);
+        self.send_joints();
         if let Some(telemetry) = &self.latest {
             if due(self.every.poses) {
                 self.send_poses(telemetry, stamp);
@@ -242,8 +276,9 @@ impl Publisher {
         }
     }
 
-    fn send_joints(&self, stamp: Stamp) {
+    fn send_joints(&self) {
         if let (Some(outlet), Some(joints)) = (&self.joint_states, &self.joints) {
+            let stamp = self.node.clock().ros_stamp(joints.stamp);
             let header = convert::header(stamp, "", 0);
             let values = [&joints.positions, &joints.rates];
             outlet.send(display::joint_state(header, &self.joint_names, values));

@@ -10,10 +10,13 @@ use super::{Node, NodeError, Part, lock, reason};
 /// Keeps a subscription alive, also over masters that go and come back; it ends with the node.
 pub(crate) struct Inlet;
 
+/// What becomes of a message, and of the name of the node that published it.
+type Handler<M> = dyn Fn(M, &str) + Send + Sync;
+
 struct InletPart<M: Message> {
     topic: String,
     queue: usize,
-    handler: Arc<dyn Fn(M) + Send + Sync>,
+    handler: Arc<Handler<M>>,
     subscriber: Mutex<Option<Subscriber>>,
 }
 
@@ -24,6 +27,16 @@ impl Inlet {
         topic: &str,
         queue: usize,
         handler: impl Fn(M) + Send + Sync + 'static,
+    ) -> Result<(), NodeError> {
+        Self::open_named(node, topic, queue, move |message, _| handler(message))
+    }
+
+    /// Subscribes; `handler` is also told the name of the node that published the message.
+    pub(crate) fn open_named<M: Message>(
+        node: &Node,
+        topic: &str,
+        queue: usize,
+        handler: impl Fn(M, &str) + Send + Sync + 'static,
     ) -> Result<(), NodeError> {
         let part = InletPart {
             topic: topic.to_owned(),
@@ -40,7 +53,9 @@ impl<M: Message> Part for InletPart<M> {
         self.close();
         let handler = Arc::clone(&self.handler);
         let subscriber = ros
-            .subscribe::<M, _>(&self.topic, self.queue, move |message| handler(message))
+            .subscribe_with_ids::<M, _>(&self.topic, self.queue, move |message, from| {
+                handler(message, from);
+            })
             .map_err(|error| NodeError::Register {
                 name: self.topic.clone(),
                 reason: reason(&error),

@@ -5,6 +5,8 @@
 //! what it registered.
 
 mod inlet;
+mod life;
+mod lookup;
 mod outlet;
 mod service;
 mod sockets;
@@ -13,7 +15,7 @@ mod watch;
 use std::ffi::OsString;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::sync_channel;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
 use hal::Stamp;
@@ -23,6 +25,8 @@ use rosrust::api::{Ros, resolve};
 pub(crate) use rosrust::{Message, RosMsg, Time};
 
 pub(crate) use inlet::Inlet;
+use life::Life;
+pub use life::NodeEnd;
 pub(crate) use outlet::Outlet;
 pub(crate) use service::Service;
 use watch::Watch;
@@ -30,6 +34,8 @@ use watch::Watch;
 /// Longest wait for the master at the start, and at the end.
 const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
 const SHUTDOWN_DEADLINE: Duration = Duration::from_secs(2);
+/// Level of a warning on `/rosout`.
+const WARN: i8 = 4;
 /// What stands for the origin of a simulated clock.
 const FIRST: Stamp = Stamp::from_nanos(1);
 
@@ -138,7 +144,18 @@ struct Inner {
     ros: Arc<Ros>,
     parts: Arc<Parts>,
     watch: Watch,
+    life: Life,
     clock: NodeClock,
+}
+
+/// A node, without keeping it alive.
+#[derive(Clone)]
+pub(crate) struct WeakNode(Weak<Inner>);
+
+impl WeakNode {
+    pub(crate) fn upgrade(&self) -> Option<Node> {
+        self.0.upgrade().map(|inner| Node { inner })
+    }
 }
 
 /// The node's time, without keeping the node alive.
@@ -173,6 +190,12 @@ impl NodeClock {
             // rosrust replaces a stamp of zero by its own clock.
             TimeBase::Simulated | TimeBase::Remote => stamp.max(FIRST),
         }
+    }
+
+    /// How far a ROS time is behind the present \[s\]; negative: ahead.
+    pub(crate) fn behind(&self, time: Time) -> f64 {
+        self.ros_stamp(self.now())
+            .secs_since(crate::convert::stamp(time))
     }
 
     /// Stamp of the run for a ROS time.
@@ -221,9 +244,12 @@ impl Node {
             TimeBase::Simulated | TimeBase::Remote => Stamp::ZERO,
         };
         let parts = Arc::<Parts>::default();
+        let life = Life::default();
+        life.watch(Arc::clone(&ros));
         Ok(Self {
             inner: Arc::new(Inner {
-                watch: Watch::start(Arc::clone(&ros), Arc::clone(&parts)),
+                watch: Watch::start(Arc::clone(&ros), Arc::clone(&parts), life.clone()),
+                life,
                 ros,
                 parts,
                 clock: NodeClock {
@@ -255,10 +281,59 @@ impl Node {
         self.inner.clock.now()
     }
 
+    /// Calls `listener` when the node is asked to end or loses its name to another node, at once
+    /// if that has happened. Topics and services are out of reach from then on.
+    pub fn on_end(&self, listener: impl Fn(&NodeEnd) + Send + 'static) {
+        self.inner.life.on_end(Box::new(listener));
+    }
+
+    /// Says something on `/rosout` and on standard error.
+    pub fn warn(&self, text: &str) {
+        self.inner
+            .ros
+            .log(WARN, text.to_owned(), env!("CARGO_PKG_NAME"), 0);
+    }
+
+    /// The name of a topic as the master knows it.
+    pub fn resolved(&self, topic: &str) -> String {
+        let translated = self.inner.ros.param(topic);
+        translated.map_or_else(|| topic.to_owned(), |name| name.name().to_owned())
+    }
+
+    /// Other live nodes that publish on a topic; those that died without a word do not count.
+    /// Nothing if the master does not answer within 5 s.
+    pub fn other_publishers(&self, topic: &str) -> Option<Vec<String>> {
+        let (ros, topic) = (Arc::clone(&self.inner.ros), self.resolved(topic));
+        within(CONNECT_DEADLINE, move || {
+            let state = ros.state().ok()?;
+            let names = state
+                .publishers
+                .into_iter()
+                .find(|entry| entry.name == topic)
+                .map_or_else(Vec::new, |entry| entry.connections);
+            let master = resolve::master();
+            let is_alive = |name: &String| {
+                lookup::node_uri(&master, ros.name(), name)
+                    .is_some_and(|uri| lookup::is_alive(&uri))
+            };
+            Some(
+                names
+                    .into_iter()
+                    .filter(|name| name != ros.name() && is_alive(name))
+                    .collect(),
+            )
+        })
+        .flatten()
+    }
+
     /// Unregisters everything and closes all connections; takes at most 2 s, even if the master
     /// hangs.
     pub fn shutdown(self) {
         self.inner.close();
+    }
+
+    pub(crate) fn downgrade(&self) -> WeakNode {
+        WeakNode(Arc::downgrade(&self.inner))
     }
 
     /// The node's time.
@@ -295,6 +370,7 @@ impl std::fmt::Debug for Node {
 impl Inner {
     fn close(&self) {
         self.watch.stop();
+        self.life.stop();
         let (ros, parts) = (Arc::clone(&self.ros), Arc::clone(&self.parts));
         // A master that hangs must not keep the process from ending.
         let _ = within(SHUTDOWN_DEADLINE, move || {

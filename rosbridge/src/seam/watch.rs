@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use rosrust::api::Ros;
 
+use super::life::Life;
 use super::{Parts, lock};
 
 const PERIOD: Duration = Duration::from_millis(500);
@@ -17,11 +18,18 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    pub(super) fn start(ros: Arc<Ros>, parts: Arc<Parts>) -> Self {
+    pub(super) fn start(ros: Arc<Ros>, parts: Arc<Parts>, life: Life) -> Self {
         let (end, ended) = sync_channel::<()>(1);
         let thread = std::thread::Builder::new().name("ros-watch".to_owned());
         let running = thread.spawn(move || {
             while ended.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
+                if let Some(end) = Life::usurper(&ros) {
+                    life.end(&end);
+                }
+                if life.ended().is_some() {
+                    // The name is another's, or nobody's: to register anew would fight for it.
+                    return;
+                }
                 let known = lock(&parts.list).clone();
                 if known.is_empty() || is_registered(&ros) != Some(false) {
                     continue;

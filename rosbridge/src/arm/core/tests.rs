@@ -1,4 +1,4 @@
-use hal::JointLimit;
+use hal::{ErrorKind, JointLimit};
 
 use super::*;
 
@@ -33,11 +33,20 @@ struct Bench {
     /// How much of each rate it executes.
     obedience: f64,
     silent: bool,
+    /// Motion of the first joint that nobody commands [rad/s].
+    creep: f64,
+    /// How far the feedback's stamps are behind [s].
+    behind: f64,
 }
 
 impl Bench {
     fn new() -> Self {
-        let core = Core::new(&description(), ArmTiming::default(), 0.05).unwrap();
+        let core = Core::new(
+            &description(),
+            ArmTiming::default(),
+            ArmTolerances::default(),
+        )
+        .unwrap();
         let now = Stamp::from_secs(1.0);
         Self {
             core,
@@ -46,6 +55,8 @@ impl Bench {
             sequence: 0,
             obedience: 1.0,
             silent: false,
+            creep: 0.0,
+            behind: 0.0,
         }
     }
 
@@ -56,12 +67,22 @@ impl Bench {
         bench
     }
 
+    fn reading(&self) -> Reading {
+        Reading {
+            stamp: self.now,
+            behind: self.behind,
+            positions: self.q,
+            rates: None,
+        }
+    }
+
     fn step(&mut self) -> Option<Joints> {
         self.now = self.now + PERIOD;
         if !self.silent {
-            self.core.feedback(self.now, self.now, self.q, None);
+            self.core.feedback(self.now, self.reading());
         }
         let rates = self.core.tick(self.now);
+        self.q[0] += self.creep * PERIOD.as_secs_f64();
         if let Some(rates) = rates {
             let dt = PERIOD.as_secs_f64() * self.obedience;
             self.q = self.q.zip(&rates, |q, rate| q + rate * dt);
@@ -282,4 +303,125 @@ fn closing_comes_to_rest() {
         bench.step();
     }
     assert!(bench.core.is_closed() && bench.core.is_rest());
+}
+
+#[test]
+fn an_arm_that_creeps_while_nothing_is_commanded_faults_within_millimetres() {
+    for paused in [false, true] {
+        let mut bench = Bench::enabled();
+        let mut sequence = 0;
+        let mut run = |bench: &mut Bench, periods: usize| {
+            for _ in 0..periods {
+                if paused {
+                    let rates = joints(if sequence < 60 { 0.01 } else { 0.0 }, 0.0);
+                    let _ = bench.command(rates);
+                    sequence += 1;
+                }
+                bench.step();
+                if let ArmMode::Faulted(_) = bench.mode() {
+                    return;
+                }
+            }
+        };
+        run(&mut bench, 120);
+        assert_eq!(bench.mode(), ArmMode::Enabled);
+        let before = bench.q[0];
+        // 14 mm/s at half a metre.
+        bench.creep = 0.028;
+        run(&mut bench, 120);
+        assert_eq!(
+            bench.mode(),
+            ArmMode::Faulted(FaultReason::UncommandedMotion)
+        );
+        let moved_mm = 500.0 * (bench.q[0] - before);
+        assert!(moved_mm < 2.5, "noticed after {moved_mm} mm");
+        let words = bench.core.explanation().unwrap();
+        assert!(words.contains("joint 1 moved by"), "{words}");
+    }
+}
+
+#[test]
+fn feedback_of_another_clock_is_no_feedback_and_the_skew_is_named() {
+    for behind in [10.0, 0.15, -0.06, -3600.0] {
+        let mut bench = Bench::new();
+        bench.behind = behind;
+        bench.step();
+        assert_eq!(
+            bench.core.state(bench.now),
+            Err(Refused::Skew { behind_s: behind })
+        );
+        bench.behind = 0.0;
+        bench.step();
+        bench.core.enable(bench.now).unwrap();
+        bench.behind = behind;
+        for _ in 0..8 {
+            bench.step();
+        }
+        assert_eq!(bench.mode(), ArmMode::Faulted(FaultReason::ClockSkew));
+        let words = bench.core.explanation().unwrap();
+        let figure = format!("{:.3} s", behind.abs());
+        assert!(words.contains(&figure), "{words}");
+    }
+}
+
+#[test]
+fn a_repeated_reading_is_not_a_fresh_one() {
+    let mut bench = Bench::enabled();
+    let same = bench.reading();
+    for _ in 0..8 {
+        bench.now = bench.now + PERIOD;
+        bench.core.feedback(bench.now, same);
+        bench.core.tick(bench.now);
+    }
+    assert_eq!(bench.mode(), ArmMode::Faulted(FaultReason::StaleFeedback));
+}
+
+#[test]
+fn commands_from_the_future_are_refused() {
+    let mut bench = Bench::enabled();
+    let command = RateCommand {
+        sequence: 1,
+        stamp: bench.now + Duration::from_millis(49),
+        rates: joints(0.1, 0.0),
+    };
+    assert_eq!(
+        bench.core.command(bench.now, &command),
+        Err(Refused::Ahead { ahead_ms: 49 })
+    );
+    assert_eq!(bench.mode(), ArmMode::Enabled);
+}
+
+#[test]
+fn a_second_controller_is_refused_at_the_start_and_faults_on_the_way() {
+    let mut bench = Bench::new();
+    bench.step();
+    bench.core.others("/velocities", vec!["/other".to_owned()]);
+    let refused = bench.core.enable(bench.now).unwrap_err().to_string();
+    assert!(
+        refused.contains("/velocities") && refused.contains("/other"),
+        "{refused}"
+    );
+    bench.core.others("/velocities", Vec::new());
+    bench.core.enable(bench.now).unwrap();
+    bench.core.others("/velocities", vec!["/other".to_owned()]);
+    bench.step();
+    assert_eq!(
+        bench.mode(),
+        ArmMode::Faulted(FaultReason::SecondController)
+    );
+}
+
+#[test]
+fn a_node_that_is_cut_off_faults_its_arm_for_good() {
+    let mut bench = Bench::enabled();
+    bench.command(joints(0.3, 0.0)).unwrap();
+    bench.step();
+    bench.core.cut_off("the node was shut down");
+    for _ in 0..10 {
+        bench.step();
+    }
+    assert_eq!(bench.mode(), ArmMode::Faulted(FaultReason::ConnectionLost));
+    assert!(bench.core.is_rest());
+    let refused = bench.core.reset(bench.now).unwrap_err().to_string();
+    assert!(refused.contains("the node was shut down"), "{refused}");
 }

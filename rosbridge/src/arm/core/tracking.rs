@@ -80,14 +80,13 @@ impl Tracking {
         });
     }
 
-    /// Whether a joint is too far from where it should be.
-    pub(super) fn is_lost(&self, measured: &Joints) -> bool {
-        let Some(state) = &self.state else {
-            return false;
-        };
+    /// A joint that is too far from where it should be, and how far \[rad\].
+    pub(super) fn lost(&self, measured: &Joints) -> Option<(usize, f64)> {
+        let state = self.state.as_ref()?;
         let off = state.off(measured);
         let mut joints = off.iter().zip(state.travel.iter());
-        joints.any(|(off, travel)| off.abs() > self.tolerance + SLIP * travel)
+        let joint = joints.position(|(off, travel)| off.abs() > self.tolerance + SLIP * travel)?;
+        Some((joint, off[joint]))
     }
 }
 
@@ -117,11 +116,11 @@ mod tests {
     /// Seconds until an arm that executes `obedience` of 0.3 rad/s is lost, 5 at most.
     fn lost_after(obedience: f64) -> f64 {
         let period = Duration::from_millis(16);
-        let mut tracking = Tracking::new(&ArmTiming::default(), 0.05, period);
+        let mut tracking = Tracking::new(&ArmTiming::default(), 0.02, period);
         let mut q = 0.0;
         tracking.restart(joint(q));
         for i in 0..312 {
-            if tracking.is_lost(&joint(q)) {
+            if tracking.lost(&joint(q)).is_some() {
                 return 0.016 * f64::from(i);
             }
             tracking.advance(&joint(q), &joint(0.3));
