@@ -206,6 +206,11 @@ impl Cycle {
         self.measured.as_ref()
     }
 
+    /// Pose of the base at `stamp`, by the encoders, in World.
+    pub fn base_at(&self, stamp: Stamp) -> Option<Isometry3<f64>> {
+        self.odometry.at(stamp)
+    }
+
     /// Whether the tissue is known, or suspected, to move.
     pub fn tissue_moves(&self) -> bool {
         self.field.is_some() || self.tissue.is_learning()

@@ -254,7 +254,7 @@ impl<'a> Insertion<'a> {
             self.supervisor.dead_man(now, controls.dead_man_count());
             self.follow(controls.wish());
             self.law_step(config, now, &state, observer)?;
-            let evidence = self.evidence();
+            let evidence = self.evidence(now);
             let telemetry = self.cycle.telemetry();
             let mut rates = self.rates;
             match self.supervisor.judge(now, &state, telemetry, &evidence) {
@@ -334,9 +334,11 @@ impl<'a> Insertion<'a> {
         observer.timed(begun.elapsed());
         self.last_law = Some(now);
         self.note_image(now, &sight);
-        if let (false, Some((exposed, tip))) = (sight.is_none(), self.cycle.measured()) {
-            self.monitor
-                .tip(*exposed, tip, &self.rig.bearings.world_from_left_camera);
+        if let (false, Some((exposed, tip))) = (sight.is_none(), self.cycle.measured())
+            && let Some(base) = self.cycle.base_at(*exposed)
+        {
+            let world_from_camera = &self.rig.bearings.world_from_left_camera;
+            self.monitor.tip(*exposed, &base, tip, world_from_camera);
         }
         observer.inputs(state, sight.shape().or_else(|| self.tracked()));
         if let Some(marker) = &marker {

@@ -3,7 +3,7 @@
 
 use hal::telemetry::ModelReport;
 use hybrid_control::view::Springs;
-use nalgebra::{Isometry3, RowVector6, Vector3};
+use nalgebra::{Isometry3, RowVector6, Translation3, Vector3};
 use needle_model::{
     Bevel, BevelError, Insertion, InsertionError, InsertionSettings, Needle, NeedleError,
     Sensitivities, TangentError, Tissue, TissueError,
@@ -59,6 +59,9 @@ pub fn bevel_length(config: &Config) -> f64 {
 /// The controller's springs model.
 #[derive(Debug)]
 pub struct SpringsModel {
+    /// The straight needle in front of the tissue.
+    fresh: Insertion,
+    start_stiffness: f64,
     insertion: Insertion,
     sensitivities: Sensitivities,
     stiffness: f64,
@@ -90,6 +93,8 @@ impl SpringsModel {
             &outside,
         )?;
         Ok(Self {
+            fresh: insertion.clone(),
+            start_stiffness: stiffness,
             insertion,
             sensitivities: Sensitivities::default(),
             stiffness,
@@ -124,6 +129,28 @@ impl SpringsModel {
             entry_stretch: needle.entry_stretch().norm(),
             entry_force: needle.entry_force().norm(),
         })
+    }
+
+    /// Forgets the rest points: what was laid while the tissue's motion was taken for cutting is no
+    /// path. The needle is inserted anew, straight, through a tip measured at `tip`.
+    ///
+    /// # Errors
+    /// No equilibrium; the model stays as it was.
+    pub fn begin_anew(
+        &mut self,
+        world_from_base: &Isometry3<f64>,
+        tip: &Vector3<f64>,
+    ) -> Result<(), SpringsError> {
+        let length = self.insertion.equilibrium().free_length()
+            + self.insertion.equilibrium().inserted_length();
+        let axis = world_from_base.rotation * Vector3::z();
+        let off = tip - (world_from_base.translation.vector + axis * length);
+        let aside = Translation3::from(off - axis * axis.dot(&off)) * world_from_base;
+        let mut insertion = self.fresh.clone();
+        insertion.rescale(self.stiffness / self.start_stiffness, 1.0)?;
+        insertion.insert(&aside, None)?;
+        self.insertion = insertion;
+        Ok(())
     }
 
     /// Length of needle in the tissue \[m\].

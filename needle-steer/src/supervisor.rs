@@ -17,6 +17,11 @@ pub use reason::StopReason;
 /// The tip has to follow within this time at rest, or the run ends: the longest breath, in which
 /// tissue may draw the tip back.
 const STALL_STOP: Duration = Duration::from_secs(5);
+/// Motion of the tissue that may draw a tip back for longer \[m\].
+const DRAWN_BACK: f64 = 3e-3;
+/// Tissue loaded beyond its bounds holds the arm; for longer it ends the run. One noisy image does
+/// not.
+const LOAD_STOP: Duration = Duration::from_millis(250);
 /// A springs model without an equilibrium for longer holds the arm; its bounds are not read.
 const MODEL_HOLD: Duration = Duration::from_millis(100);
 /// The same for longer ends the run.
@@ -71,6 +76,10 @@ pub struct Evidence {
     pub withdrawing: bool,
     /// The tip stays behind the base.
     pub stalled: Option<Stalled>,
+    /// Way of the tip that only moving tissue explains \[m\].
+    pub tissue_motion: Option<f64>,
+    /// How far the tissue has been seen to move by itself since the beginning \[m\].
+    pub largest_tissue_motion: f64,
     /// Measurements are refused for their stamps.
     pub stale: Option<Stale>,
     /// The newest measurement cannot be of this needle.
@@ -99,6 +108,8 @@ pub struct Supervisor {
     problem: String,
     implausible: Option<Implausible>,
     stalled: Option<Stamp>,
+    /// Since when the tissue is loaded beyond its bounds.
+    overloaded: Option<Stamp>,
     dead_man: (u64, Stamp),
     latched: Option<StopReason>,
 }
@@ -113,6 +124,7 @@ impl Supervisor {
             problem: String::new(),
             implausible: None,
             stalled: None,
+            overloaded: None,
             dead_man: (0, start),
             latched: None,
         }
@@ -150,6 +162,8 @@ impl Supervisor {
         // The time counts from when the arm was held, not from when the tip fell behind.
         self.stalled = evidence.stalled.and(self.stalled.or(Some(now)));
         self.implausible = evidence.implausible.or(self.implausible);
+        let loaded = evidence.model.is_none() && self.overload(telemetry, evidence).is_some();
+        self.overloaded = loaded.then(|| self.overloaded.unwrap_or(now));
         if self.latched.is_none() {
             self.latched = self
                 .device(now, arm, telemetry)
@@ -184,6 +198,12 @@ impl Supervisor {
             Some(Cause::NeedleLost)
         } else if evidence.model.as_ref().is_some_and(model_fails) {
             Some(Cause::ModelFailed)
+        } else if self.overloaded.is_some() {
+            Some(if evidence.tissue_motion.is_some() {
+                Cause::TissueMotion
+            } else {
+                Cause::Tear
+            })
         } else {
             None
         }
@@ -263,35 +283,51 @@ impl Supervisor {
 
     /// Needle and tissue, by measurement and by a model that is not read while it fails.
     fn needle(&self, now: Stamp, t: &Telemetry, evidence: &Evidence) -> Result<(), StopReason> {
-        let bounds = &self.bounds;
         if let (Some(since), Some(stalled)) = (self.stalled, evidence.stalled)
             && now.since(since) > STALL_STOP
         {
-            return Err(StopReason::Stall { stalled });
+            return Err(match evidence.tissue_motion {
+                Some(by_m) if by_m > DRAWN_BACK => StopReason::TissueMotion { by_m },
+                _ => StopReason::Stall { stalled },
+            });
         }
+        let moves = evidence
+            .tissue_motion
+            .map(|by_m| StopReason::TissueMotion { by_m });
         if let Some((since, problem)) = &evidence.model {
+            let failed = || StopReason::ModelFailed {
+                for_s: now.secs_since(*since),
+                problem: problem.clone(),
+            };
             return if now.since(*since) > MODEL_STOP {
-                Err(StopReason::ModelFailed {
-                    for_s: now.secs_since(*since),
-                    problem: problem.clone(),
-                })
+                Err(moves.unwrap_or_else(failed))
             } else {
                 Ok(())
             };
         }
-        if exceeds(t.model.max_stretch, bounds.tissue_stretch) {
-            return Err(StopReason::TissueStretch {
-                value_m: t.model.max_stretch,
+        match (self.overloaded, self.overload(t, evidence)) {
+            (Some(since), Some(reason)) if now.since(since) > LOAD_STOP => {
+                Err(moves.unwrap_or(reason))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// What the model says of the tissue's load, where that is beyond its bounds. What the tissue
+    /// moves by itself stretches nothing, but the model may have taken it for stretch.
+    fn overload(&self, t: &Telemetry, evidence: &Evidence) -> Option<StopReason> {
+        let bounds = &self.bounds;
+        let stretch = t.model.max_stretch - evidence.largest_tissue_motion;
+        if exceeds(stretch, bounds.tissue_stretch) {
+            return Some(StopReason::TissueStretch {
+                value_m: stretch,
                 bound_m: bounds.tissue_stretch,
             });
         }
-        if exceeds(t.model.entry_force, bounds.entry_force) {
-            return Err(StopReason::EntryForce {
-                value_n: t.model.entry_force,
-                bound_n: bounds.entry_force,
-            });
-        }
-        Ok(())
+        exceeds(t.model.entry_force, bounds.entry_force).then_some(StopReason::EntryForce {
+            value_n: t.model.entry_force,
+            bound_n: bounds.entry_force,
+        })
     }
 }
 

@@ -6,6 +6,7 @@ mod arrows;
 mod calibration_truth;
 mod equations;
 mod hazards;
+mod monitor;
 mod robustness;
 mod ros;
 mod singularity;

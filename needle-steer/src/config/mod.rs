@@ -316,7 +316,7 @@ pub struct Supervisor {
 impl Default for Supervisor {
     fn default() -> Self {
         Self {
-            tissue_stretch_mm: 8.0,
+            tissue_stretch_mm: 2.4,
             entry_force_n: 5.0,
             workspace_radius_mm: 60.0,
             image_hold_ms: 200.0,

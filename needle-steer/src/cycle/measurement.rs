@@ -78,6 +78,11 @@ impl Cycle {
             .see_unexplained(shape.stamp, &unexplained, sigma);
         if known && self.estimator.depth() < SHORT_PATH {
             self.estimator.begin_anew(base);
+            let field = self.tissue.field(shape.stamp);
+            let at_rest = field.map_or(*base, |field| field.pose_to_rest(base));
+            let place = field.map_or(*tip.point(), |field| field.point_to_rest(tip.point()));
+            // A model that cannot begin anew goes on from what it has.
+            let _ = self.springs.begin_anew(&at_rest, &place.coords);
         }
     }
 }

@@ -1,13 +1,14 @@
 //! The monitor of an insertion: it compares what was commanded with what was measured.
 //!
 //! It stands between the law and the arm, beside the [supervisor](crate::supervisor)'s bounds, and
-//! knows neither law nor tissue model. Three questions, each with its own file: does the tip follow
-//! the base ([`stall`]), are the measurements recent ([`freshness`]), can they be of this needle
-//! ([`plausibility`]).
+//! knows neither law nor tissue model. Four questions, each with its own file: does the tip follow
+//! the base ([`stall`]), does it move with the tissue ([`sideways`]), are the measurements recent
+//! ([`freshness`]), can they be of this needle ([`plausibility`]).
 
 pub mod advance;
 pub mod freshness;
 pub mod plausibility;
+pub mod sideways;
 pub mod stall;
 
 use hal::frame::LeftCamera;
@@ -16,6 +17,7 @@ use nalgebra::Isometry3;
 
 pub use advance::Advance;
 pub use freshness::{Freshness, Stale};
+pub use sideways::Sideways;
 pub use stall::{Stall, Stalled};
 
 /// Advance of the base since the newest measurement from which the arm is slowed, and at which it
@@ -27,6 +29,7 @@ const BLIND: (f64, f64) = (0.6e-3, 1.0e-3);
 pub struct Monitor {
     advance: Advance,
     stall: Stall,
+    sideways: Sideways,
     /// The base's advance at the newest measurement of the tip.
     measured_at: Option<f64>,
 }
@@ -37,11 +40,11 @@ impl Monitor {
         self.advance.push(stamp, world_from_base);
     }
 
-    /// Takes in a measured tip of the instant `exposed`; `steering`: the needle is being inserted,
-    /// so that tip and base have to advance together.
+    /// Takes in a measured tip of the instant `exposed`, with the base at that instant.
     pub fn tip(
         &mut self,
         exposed: Stamp,
+        world_from_base: &Isometry3<f64>,
         tip: &SensedTip,
         world_from_left_camera: &Transform<hal::frame::World, LeftCamera>,
     ) {
@@ -52,6 +55,8 @@ impl Monitor {
         let place = *world_from_left_camera * tip.position;
         let axis = world_from_left_camera.rotate_direction(&tip.direction);
         self.stall.observe(exposed, advance, place.point(), &axis);
+        self.sideways
+            .observe(exposed, world_from_base, place.point(), &axis);
     }
 
     /// Forgets what is behind: after a pause or a retraction.
@@ -67,6 +72,16 @@ impl Monitor {
     /// The tip stays behind the base.
     pub fn stalled(&self) -> Option<Stalled> {
         self.stall.finding()
+    }
+
+    /// The largest way of the tip within the last breath that only moving tissue explains \[m\].
+    pub fn tissue_motion(&self, now: Stamp) -> Option<f64> {
+        self.sideways.finding(now)
+    }
+
+    /// How far the tissue has been seen to move by itself so far \[m\].
+    pub const fn largest_tissue_motion(&self) -> f64 {
+        self.sideways.largest()
     }
 
     /// Share of the commanded speed, 0 to 1, that may go out: an insertion goes only as far ahead

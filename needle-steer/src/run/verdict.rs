@@ -12,7 +12,7 @@ use crate::supervisor::{Evidence, StopReason};
 
 impl Insertion<'_> {
     /// What the monitor has to say while the needle is being inserted.
-    pub(super) fn evidence(&self) -> Evidence {
+    pub(super) fn evidence(&self, now: Stamp) -> Evidence {
         if !matches!(self.phase, Phase::PreInsertion | Phase::Steering) {
             return Evidence {
                 withdrawing: self.phase == Phase::Retracting,
@@ -22,6 +22,8 @@ impl Insertion<'_> {
         Evidence {
             withdrawing: false,
             stalled: self.monitor.stalled(),
+            tissue_motion: self.monitor.tissue_motion(now),
+            largest_tissue_motion: self.monitor.largest_tissue_motion(),
             stale: self.freshness.finding(),
             implausible: self.cycle.implausible().copied(),
             model: self.cycle.model_failure().cloned(),

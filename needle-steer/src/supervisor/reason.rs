@@ -97,6 +97,12 @@ pub enum StopReason {
     /// The needle is not in the tissue where it passes the target.
     #[error("the needle passed the target outside the tissue")]
     OutsideTissue,
+    /// The tissue moves more than is known of it: its load cannot be told.
+    #[error("the tissue carries the tip by {:.1} mm and more than can be followed", by_m * 1e3)]
+    TissueMotion {
+        /// Way of the tip that only moving tissue explains \[m\].
+        by_m: f64,
+    },
     /// Tissue stretched too far.
     #[error("tissue stretched by {value_m:.4} m, bound {bound_m:.4} m")]
     TissueStretch {
@@ -149,6 +155,7 @@ impl StopReason {
             Self::NeedleLost { .. } | Self::Implausible { .. } => Cause::NeedleLost,
             Self::TissueStretch { .. } | Self::EntryForce { .. } => Cause::Tear,
             Self::Stall { .. } => Cause::Stall,
+            Self::TissueMotion { .. } => Cause::TissueMotion,
             Self::ModelFailed { .. }
             | Self::NonFinite { .. }
             | Self::Disagreement { .. }

@@ -75,13 +75,19 @@ fn bounds_are_kept_and_latched() {
         );
         let mut bad = telemetry();
         change(&mut bad);
-        let verdict = supervisor.judge(Stamp::ZERO, &state(), &bad, &Evidence::default());
+        // One bad image holds; what lasts stops.
+        let mut judge = |t: &Telemetry, seconds: f64| {
+            let now = Stamp::from_secs(seconds);
+            supervisor.judge(now, &state(), t, &Evidence::default())
+        };
+        assert_ne!(judge(&bad, 0.0), Verdict::Go, "{what}");
+        let verdict = judge(&bad, 0.3);
         let Verdict::Stop(reason) = verdict else {
             panic!("{what}: {verdict:?}")
         };
         assert!(reason.to_string().contains(what), "{what}: {reason}");
         // Compared as text: a reason may hold NaN.
-        let again = supervisor.judge(Stamp::ZERO, &state(), &good, &Evidence::default());
+        let again = judge(&good, 0.31);
         let Verdict::Stop(kept) = again else {
             panic!("{what}: {again:?}")
         };
