@@ -17,8 +17,9 @@ pub use reason::StopReason;
 /// The tip has to follow within this time at rest, or the run ends: the longest breath, in which
 /// tissue may draw the tip back.
 const STALL_STOP: Duration = Duration::from_secs(5);
-/// Motion of the tissue that may draw a tip back for longer \[m\].
-const DRAWN_BACK: f64 = 3e-3;
+/// Motion of the tissue that draws a tip back as far as a stall \[m\]: a needle bent by `a` over its
+/// free length of 60 mm is shorter by half the mean of its squared slope, 0.6 a^2/60 mm.
+const DRAWN_BACK: f64 = 8e-3;
 /// Tissue loaded beyond its bounds holds the arm; for longer it ends the run. One noisy image does
 /// not.
 const LOAD_STOP: Duration = Duration::from_millis(250);

@@ -16,7 +16,10 @@ const FASTEST: f64 = 0.06;
 /// Leap that noise may make \[m\].
 const LEAP: f64 = 4e-3;
 
-/// What no needle can do.
+/// Share of the tip's leap below which the shaft's first point counts as staying \[1\].
+const STAYS: f64 = 0.5;
+
+/// What no needle can do, or does only when it is lost.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, thiserror::Error)]
 pub enum Implausible {
     /// Farther from the base than the needle is long, or nearer than it bends.
@@ -35,8 +38,16 @@ pub enum Implausible {
         /// Distance from the axis \[mm\].
         aside_mm: f64,
     },
-    /// A leap.
-    #[error("the measured tip leapt by {by_mm:.1} mm in {within_s:.2} s")]
+    /// A leap of the tip, while the shaft stays where it enters: the shaft gave way.
+    #[error("the shaft gave way: the measured tip leapt by {by_mm:.1} mm")]
+    Snap {
+        /// How far \[mm\].
+        by_mm: f64,
+    },
+    /// A leap of all that is measured.
+    #[error(
+        "the measured needle leapt by {by_mm:.1} mm in {within_s:.2} s: sensor or registration?"
+    )]
     Leap {
         /// How far \[mm\].
         by_mm: f64,
@@ -55,8 +66,8 @@ pub enum Implausible {
 #[derive(Clone, Debug)]
 pub struct Plausibility {
     length: f64,
-    /// Base and tip of the last plausible measurement.
-    last: Option<(Isometry3<f64>, Point3<f64>)>,
+    /// Base, tip and first point of the shaft of the last plausible measurement.
+    last: Option<(Isometry3<f64>, Point3<f64>, Option<Point3<f64>>)>,
     /// The last measurement, plausible or not: a leap does not become plausible by waiting.
     seen: Option<Stamp>,
     problem: Option<Implausible>,
@@ -81,11 +92,12 @@ impl Plausibility {
         stamp: Stamp,
         world_from_base: &Isometry3<f64>,
         tip: &Point3<f64>,
-        shaft: impl Iterator<Item = Point3<f64>>,
+        shaft: impl Iterator<Item = Point3<f64>> + Clone,
     ) -> bool {
+        let entry = shaft.clone().next();
         self.problem = self.check(stamp, world_from_base, tip, shaft).err();
         if self.problem.is_none() {
-            self.last = Some((*world_from_base, *tip));
+            self.last = Some((*world_from_base, *tip, entry));
         }
         self.seen = Some(stamp);
         self.problem.is_none()
@@ -101,8 +113,9 @@ impl Plausibility {
         stamp: Stamp,
         world_from_base: &Isometry3<f64>,
         tip: &Point3<f64>,
-        shaft: impl Iterator<Item = Point3<f64>>,
+        shaft: impl Iterator<Item = Point3<f64>> + Clone,
     ) -> Result<(), Implausible> {
+        let entry = shaft.clone().next();
         let length = self.length;
         let in_base = world_from_base.inverse_transform_point(tip);
         let chord = in_base.coords.norm();
@@ -127,13 +140,19 @@ impl Plausibility {
                 });
             }
         }
-        if let Some((base_then, tip_then)) = &self.last {
+        if let Some((base_then, tip_then, entry_then)) = &self.last {
             let carried = world_from_base * base_then.inverse_transform_point(tip_then);
             let by = (tip - tip_then).norm().min((tip - carried).norm());
             let within = self
                 .seen
                 .map_or(0.0, |seen| stamp.secs_since(seen).max(0.0));
+            let at_entry = entry
+                .zip(*entry_then)
+                .map(|(now, then)| (now - then).norm());
             if by > LEAP + FASTEST * within {
+                if at_entry.is_some_and(|moved| moved < STAYS * by) {
+                    return Err(Implausible::Snap { by_mm: by * 1e3 });
+                }
                 return Err(Implausible::Leap {
                     by_mm: by * 1e3,
                     within_s: within,
@@ -197,6 +216,12 @@ mod tests {
         assert!(admit(&mut p, 0.0, [0.0, 0.0, 0.126]));
         assert!(!admit(&mut p, 0.03, [0.01, 0.0, 0.125]));
         assert!(matches!(p.problem(), Some(Implausible::Leap { .. })));
+        // A tip that leaps while the shaft stays at the entry: the shaft gave way.
+        let tip = Point3::new(0.01, 0.0, 0.125);
+        let shaft = [Point3::new(0.0, 0.0, 0.106)].into_iter();
+        let now = Stamp::from_secs(0.04);
+        assert!(!p.admit(now, &Isometry3::identity(), &tip, shaft));
+        assert!(matches!(p.problem(), Some(Implausible::Snap { .. })));
         // A leap stays one; the needle is where it was.
         assert!(!admit(&mut p, 0.06, [0.01, 0.0, 0.125]));
         assert!(admit(&mut p, 0.09, [0.001, 0.0, 0.126]));

@@ -152,6 +152,9 @@ impl StopReason {
             Self::ImageTimeout { .. }
             | Self::MeasurementsLate { .. }
             | Self::MeasurementsAhead { .. } => Cause::MeasurementsLate,
+            Self::Implausible {
+                problem: Implausible::Snap { .. },
+            } => Cause::Buckling,
             Self::NeedleLost { .. } | Self::Implausible { .. } => Cause::NeedleLost,
             Self::TissueStretch { .. } | Self::EntryForce { .. } => Cause::Tear,
             Self::Stall { .. } => Cause::Stall,
