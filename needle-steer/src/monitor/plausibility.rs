@@ -62,12 +62,21 @@ pub enum Implausible {
     },
 }
 
+/// A plausible measurement, in World.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    base: Isometry3<f64>,
+    tip: Point3<f64>,
+    /// First point of the shaft, near the surface.
+    entry: Option<Point3<f64>>,
+}
+
 /// Holds every measured shape against the needle that it should be of.
 #[derive(Clone, Debug)]
 pub struct Plausibility {
     length: f64,
-    /// Base, tip and first point of the shaft of the last plausible measurement.
-    last: Option<(Isometry3<f64>, Point3<f64>, Option<Point3<f64>>)>,
+    /// The last plausible measurement.
+    last: Option<Seen>,
     /// The last measurement, plausible or not: a leap does not become plausible by waiting.
     seen: Option<Stamp>,
     problem: Option<Implausible>,
@@ -97,7 +106,11 @@ impl Plausibility {
         let entry = shaft.clone().next();
         self.problem = self.check(stamp, world_from_base, tip, shaft).err();
         if self.problem.is_none() {
-            self.last = Some((*world_from_base, *tip, entry));
+            self.last = Some(Seen {
+                base: *world_from_base,
+                tip: *tip,
+                entry,
+            });
         }
         self.seen = Some(stamp);
         self.problem.is_none()
@@ -140,15 +153,15 @@ impl Plausibility {
                 });
             }
         }
-        if let Some((base_then, tip_then, entry_then)) = &self.last {
-            let carried = world_from_base * base_then.inverse_transform_point(tip_then);
-            let by = (tip - tip_then).norm().min((tip - carried).norm());
+        if let Some(then) = &self.last {
+            let carried = world_from_base * then.base.inverse_transform_point(&then.tip);
+            let by = (tip - then.tip).norm().min((tip - carried).norm());
             let within = self
                 .seen
                 .map_or(0.0, |seen| stamp.secs_since(seen).max(0.0));
             let at_entry = entry
-                .zip(*entry_then)
-                .map(|(now, then)| (now - then).norm());
+                .zip(then.entry)
+                .map(|(now, before)| (now - before).norm());
             if by > LEAP + FASTEST * within {
                 if at_entry.is_some_and(|moved| moved < STAYS * by) {
                     return Err(Implausible::Snap { by_mm: by * 1e3 });
