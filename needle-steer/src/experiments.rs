@@ -1,7 +1,7 @@
 //! The paper's four experiments as distributions over seeds: Table I.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use serde::Serialize;
 
@@ -124,7 +124,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Configuration of one run of one experiment.
+    /// Configuration of one run of one experiment. Depth and everything else that makes no
+    /// experiment come from the base.
     pub fn config(&self, experiment: &Experiment, seed: u64) -> Config {
         let mut config = self.base.clone();
         config.run.law = if experiment.controlled {
@@ -140,7 +141,6 @@ impl Plan {
             _ if experiment.offset_mm > 0.0 => TargetKind::Shifted,
             _ => TargetKind::Aligned,
         };
-        config.target.depth_mm = 80.0;
         config.target.offset_mm = experiment.offset_mm;
         config.target.angle_deg = experiment.angle_deg;
         config
@@ -164,6 +164,17 @@ impl Plan {
             Column::SameModel => config.run.plant = PlantKind::Model,
         }
         Ok(config)
+    }
+
+    /// Number of runs.
+    pub fn len(&self) -> u64 {
+        let cells = self.experiments.iter().map(|e| self.columns(e).len() as u64);
+        self.runs.saturating_mul(cells.sum())
+    }
+
+    /// Whether there is nothing to run.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
     }
 
     fn columns(&self, experiment: &Experiment) -> &'static [Column] {
@@ -270,45 +281,114 @@ impl ExperimentResult {
     }
 }
 
-/// Runs the plan on `jobs` threads; the result does not depend on their number.
-///
-/// # Errors
-/// The first run, in order, that could not be carried out.
+/// What is finished of a plan.
+#[derive(Debug)]
+pub struct Reproduced<E> {
+    /// Experiments of which a run is finished.
+    pub experiments: Vec<ExperimentResult>,
+    /// Finished runs.
+    pub finished: u64,
+    /// Runs of the plan.
+    pub planned: u64,
+    /// The first run, in order, that could not be carried out.
+    pub error: Option<E>,
+}
+
+/// One finished run of a plan and where it belongs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finished {
+    /// Name of the experiment.
+    pub experiment: &'static str,
+    /// In whose place.
+    pub column: Column,
+    /// Its figures.
+    #[serde(flatten)]
+    pub figures: RunFigures,
+}
+
+/// Runs the plan on `jobs` threads, seed by seed; the result does not depend on their number.
+/// `run` answers nothing when it was interrupted: no other is begun then. A run that cannot be
+/// carried out does not stop the others, unless none before it could be.
 pub fn reproduce<E: Send + From<SettingsError>>(
     plan: &Plan,
     jobs: usize,
-    run: impl Fn(&Config) -> Result<Summary, E> + Sync,
-    progress: impl Fn() + Sync,
-) -> Result<Vec<ExperimentResult>, E> {
+    run: impl Fn(&Config) -> Result<Option<Summary>, E> + Sync,
+    finished: impl Fn(&Finished) + Sync,
+) -> Reproduced<E> {
     let cells: Vec<(Experiment, Column)> = plan
         .experiments
         .iter()
         .flat_map(|e| plan.columns(e).iter().map(|column| (*e, *column)))
         .collect();
-    let mut tasks: Vec<Config> = Vec::new();
-    for (experiment, column) in &cells {
-        for seed in plan.first_seed..plan.first_seed + plan.runs {
-            tasks.push(plan.config_in(*column, experiment, seed)?);
-        }
-    }
-    let mut results = in_parallel(&tasks, jobs, |config| {
-        let figures = run(config).map(|summary| RunFigures::from(&summary));
-        progress();
-        figures
-    })
-    .into_iter();
-    cells
-        .into_iter()
-        .map(|(experiment, column)| {
-            let runs: Result<Vec<_>, E> = (0..plan.runs).filter_map(|_| results.next()).collect();
-            let law = if experiment.controlled && column != Column::Null {
-                plan.law.clone()
-            } else {
-                "none".to_owned()
+    let kinds = (cells.len() as u64).max(1);
+    let planned = plan.len();
+    let (next, stop) = (AtomicU64::new(0), AtomicBool::new(false));
+    let done: Mutex<(Vec<(u64, RunFigures)>, Vec<(u64, E)>)> = Mutex::default();
+    let work = || {
+        while !stop.load(Ordering::Relaxed) {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some((experiment, column)) = cells.get(in_usize(index % kinds)) else {
+                return;
             };
-            Ok(ExperimentResult::new(experiment, law, column, runs?))
-        })
-        .collect()
+            if index >= planned {
+                return;
+            }
+            let seed = plan.first_seed.saturating_add(index / kinds);
+            let result = plan
+                .config_in(*column, experiment, seed)
+                .map_err(E::from)
+                .and_then(|config| run(&config));
+            let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            match result {
+                Ok(None) => stop.store(true, Ordering::Relaxed),
+                Ok(Some(summary)) => {
+                    let run = Finished {
+                        experiment: experiment.name,
+                        column: *column,
+                        figures: RunFigures::from(&summary),
+                    };
+                    finished(&run);
+                    done.0.push((index, run.figures));
+                }
+                Err(error) => {
+                    done.1.push((index, error));
+                    if done.0.is_empty() {
+                        stop.store(true, Ordering::Relaxed);
+                    }
+                }
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.clamp(1, in_usize(planned.max(1))) {
+            scope.spawn(work);
+        }
+    });
+    let (mut runs, errors) = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    runs.sort_by_key(|(index, _)| *index);
+    let of_cell = |(k, (experiment, column)): (u64, (Experiment, Column))| {
+        let law = if experiment.controlled && column != Column::Null {
+            plan.law.clone()
+        } else {
+            "none".to_owned()
+        };
+        let of_cell = runs.iter().filter(|(index, _)| index % kinds == k);
+        let runs: Vec<RunFigures> = of_cell.map(|(_, figures)| figures.clone()).collect();
+        (!runs.is_empty()).then(|| ExperimentResult::new(experiment, law, column, runs))
+    };
+    Reproduced {
+        experiments: (0..).zip(cells).filter_map(of_cell).collect(),
+        finished: runs.len() as u64,
+        planned,
+        error: errors
+            .into_iter()
+            .min_by_key(|(index, _)| *index)
+            .map(|(_, error)| error),
+    }
+}
+
+fn in_usize(number: u64) -> usize {
+    usize::try_from(number).unwrap_or(usize::MAX)
 }
 
 /// Maps `tasks` on `jobs` threads, keeping their order.

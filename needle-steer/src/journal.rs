@@ -1,8 +1,10 @@
 //! The log of a run: what each step read, what it decided and what went out, as MCAP.
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::Path;
 
+use anyhow::Context;
 use hal::telemetry::{Phase, Telemetry};
 use hal::{ArmState, Position, RateCommand, SensedShape, Stamp, StereoFrame};
 use rosbridge::log::{Level, Log, Overflow, Record, RunInfo, WriteError};
@@ -25,11 +27,26 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// A new log at `file`.
+    /// A new log at `place`.
     ///
     /// # Errors
     /// The file cannot be made, or the configuration not be written as TOML.
-    pub fn create(file: &Path, config: &Config, bearings: &Bearings) -> anyhow::Result<Self> {
+    pub fn create(place: &Path, config: &Config, bearings: &Bearings) -> anyhow::Result<Self> {
+        let file = File::create(place).with_context(|| place.display().to_string())?;
+        Self::new(file, place, config, bearings, Overflow::Wait)
+    }
+
+    /// A log in an empty `file`, which errors call `place`.
+    ///
+    /// # Errors
+    /// The file cannot be written, or the configuration not be written as TOML.
+    pub fn new(
+        file: File,
+        place: &Path,
+        config: &Config,
+        bearings: &Bearings,
+        overflow: Overflow,
+    ) -> anyhow::Result<Self> {
         let label = |key: &str, value: &str| (key.to_owned(), value.to_owned());
         let info = RunInfo {
             config: toml::to_string(config)?,
@@ -43,7 +60,7 @@ impl Journal {
             world_from_left_camera: bearings.world_from_left_camera,
         };
         let mut journal = Self {
-            log: Log::create(file, &info, Overflow::Wait)?,
+            log: Log::new(file, place, &info, overflow)?,
             error: None,
             phase: Phase::Idle,
             newest_image: None,
@@ -55,6 +72,11 @@ impl Journal {
             });
         }
         Ok(journal)
+    }
+
+    /// Why the log can no longer be written, if so.
+    pub fn error(&self) -> Option<&WriteError> {
+        self.error.as_ref()
     }
 
     fn write(&mut self, record: impl Into<Record>) {
@@ -86,11 +108,15 @@ impl Journal {
     /// Completes the file.
     ///
     /// # Errors
-    /// The first record that could not be written, or the end of the file.
+    /// The first record that could not be written, records that a slow disk made no room for, or
+    /// the end of the file.
     pub fn finish(self) -> Result<(), WriteError> {
         match self.error {
             Some(error) => Err(error),
-            None => self.log.finish().map(|_| ()),
+            None => match self.log.finish()?.dropped {
+                0 => Ok(()),
+                records => Err(WriteError::Dropped { records }),
+            },
         }
     }
 }

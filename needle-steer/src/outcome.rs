@@ -217,6 +217,8 @@ pub struct Summary {
     pub out: Option<String>,
     /// The log, where one was written.
     pub log: Option<String>,
+    /// Whether the log holds the whole run; null where none was written, and in the log itself.
+    pub log_complete: Option<bool>,
 }
 
 impl Summary {
@@ -252,6 +254,7 @@ impl Summary {
             steps: telemetry.step,
             out: None,
             log: None,
+            log_complete: None,
         }
     }
 }

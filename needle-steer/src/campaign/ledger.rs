@@ -92,6 +92,11 @@ impl Ledger {
             move |source| LedgerError::Io { file, source }
         };
         std::fs::create_dir_all(folder).map_err(io(folder))?;
+        // Shards of another campaign, too, keep the folder to themselves.
+        match collect(&[folder.to_owned()], plan) {
+            Ok(_) | Err(LedgerError::Missing { .. }) => {}
+            Err(error) => return Err(error),
+        }
         let path = folder.join(name(shard));
         let mut file = OpenOptions::new()
             .read(true)
@@ -288,6 +293,11 @@ mod tests {
             "{foreign}"
         );
         assert_eq!(std::fs::read(&path).unwrap(), before);
+        // Nor does another shard join them.
+        let shard = Shard { number: 2, of: 2 };
+        let foreign = Ledger::open(&folder, &plan(5), shard).unwrap_err();
+        assert!(matches!(foreign, LedgerError::Foreign { .. }), "{foreign}");
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

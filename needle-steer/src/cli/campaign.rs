@@ -11,6 +11,7 @@ use anyhow::Context;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::results::replace;
 use super::run::interrupt_flag;
 use super::{Usage, print_json};
 use crate::campaign::compare::conclude;
@@ -134,29 +135,19 @@ fn conclude_folder(
         table.push_str(line);
         rows.push(Row::parse(line)?);
     }
-    replace(&out.join("results.csv"), table.as_bytes())?;
     let found = conclude(plan, &rows);
+    // Printed first: a full disk takes nothing away.
+    let printed = if json {
+        print_json(&found)
+    } else {
+        print_text(&found, out)
+    };
     let mut text = serde_json::to_vec_pretty(&found)?;
     text.push(b'\n');
+    replace(&out.join("results.csv"), table.as_bytes())?;
     replace(&out.join("conclusions.json"), &text)?;
-    if json {
-        print_json(&found)?;
-    } else {
-        print_text(&found, out)?;
-    }
+    printed?;
     Ok(found)
-}
-
-/// Puts a whole file in the place of an old one: a reader sees either.
-fn replace(file: &Path, text: &[u8]) -> anyhow::Result<()> {
-    let mut name = file.as_os_str().to_owned();
-    name.push(format!(".{}", std::process::id()));
-    let fresh = PathBuf::from(name);
-    let write = || -> std::io::Result<()> {
-        std::fs::write(&fresh, text)?;
-        std::fs::rename(&fresh, file)
-    };
-    write().with_context(|| file.display().to_string())
 }
 
 /// A bar on a terminal, a line now and then elsewhere; both with the time left.

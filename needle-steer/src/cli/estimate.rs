@@ -1,12 +1,12 @@
 //! `estimate`: one's own needle from recorded insertions.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Context;
 use clap::Args;
 
+use super::results::{check_free, save};
 use super::{Usage, print_json};
 use crate::config::{self, Config};
 use crate::identify::{Identified, Parameter, Recording, identify};
@@ -29,6 +29,9 @@ pub(super) struct EstimateArgs {
 }
 
 pub(super) fn execute(args: &EstimateArgs) -> anyhow::Result<ExitCode> {
+    if let Some(out) = &args.out {
+        check_free(out)?;
+    }
     let given = config::load(args.config.as_deref(), &[])?;
     let recordings: Vec<Recording> = args
         .files
@@ -39,32 +42,36 @@ pub(super) fn execute(args: &EstimateArgs) -> anyhow::Result<ExitCode> {
         })
         .collect::<Result<_, _>>()?;
     let found = identify(&recordings).map_err(|e| Usage(e.to_string()))?;
+    let printed = if args.json {
+        print_json(&found)
+    } else {
+        print_text(&found).map_err(anyhow::Error::from)
+    };
     if let Some(out) = &args.out {
         let base = match (&args.config, recordings.first()) {
             (None, Some(first)) => &first.config,
             _ => &given,
         };
         write_config(out, &found.apply(base), &found)?;
+        if !args.json {
+            writeln!(std::io::stdout(), "configuration: {}", out.display())?;
+        }
     }
-    if args.json {
-        print_json(&found)?;
-    } else {
-        print_text(&found, args.out.as_ref())?;
-    }
+    printed?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn write_config(out: &PathBuf, config: &Config, found: &Identified) -> anyhow::Result<()> {
+fn write_config(out: &Path, config: &Config, found: &Identified) -> anyhow::Result<()> {
     let text = format!(
         "# Identified from {} insertions, {} measurements.\n{}",
         found.recordings,
         found.measurements,
         toml::to_string(config)?
     );
-    std::fs::write(out, text).with_context(|| out.display().to_string())
+    save(out, |file| Ok(file.write_all(text.as_bytes())?))
 }
 
-fn print_text(found: &Identified, out: Option<&PathBuf>) -> std::io::Result<()> {
+fn print_text(found: &Identified) -> std::io::Result<()> {
     let mut to = std::io::stdout().lock();
     let rows: [(&str, &Parameter, usize); 4] = [
         ("stiffness K_T [N/m2]", &found.stiffness_n_m2, 0),
@@ -87,9 +94,5 @@ fn print_text(found: &Identified, out: Option<&PathBuf>) -> std::io::Result<()> 
         to,
         "from {} insertions, {} measurements",
         found.recordings, found.measurements
-    )?;
-    if let Some(out) = out {
-        writeln!(to, "configuration: {}", out.display())?;
-    }
-    Ok(())
+    )
 }

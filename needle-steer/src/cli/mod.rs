@@ -13,6 +13,7 @@ mod relay;
 mod replay;
 mod report;
 mod reproduce;
+mod results;
 mod run;
 mod track;
 

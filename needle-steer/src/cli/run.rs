@@ -10,10 +10,12 @@ use clap::{Args, ValueEnum};
 use hal::telemetry::Telemetry;
 use hal::{Arm, ArmState, RateCommand, SensedShape, Stamp, StereoFrame};
 use indicatif::{ProgressBar, ProgressStyle};
+use rosbridge::log::Overflow;
 use vision::track::Tracked;
 
-use super::{Usage, print_json};
-use crate::config::{self, Config};
+use super::print_json;
+use super::results::{RunFolder, save};
+use crate::config::{self, Backend, Config, LARGEST_SEED, RosClock};
 use crate::controls::Controls;
 use crate::host::degrees;
 use crate::journal::Journal;
@@ -54,7 +56,7 @@ pub(super) struct RunArgs {
     #[arg(long)]
     phantom: Option<String>,
     /// Seed of everything random.
-    #[arg(long)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
     seed: Option<u64>,
     /// Check everything, move nothing; with =air, move the arm in air, the controller's own model
     /// in the place of needle and tissue.
@@ -106,10 +108,8 @@ pub(super) fn quoted(value: &str) -> String {
 
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let config = args.config()?;
-    if let Some(out) = &args.out {
-        is_free(out)?;
-    }
     ros::choose_master(&config)?;
+    let out = args.out.as_deref().map(RunFolder::claim).transpose()?;
     let controls = interrupt_flag()?;
     let link = Link::new(&config)?;
     if let Some(link) = &link {
@@ -131,17 +131,22 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     {
         return Ok(ExitCode::from(1));
     }
-    let out = match &args.out {
-        Some(out) => {
-            std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-            Some(out.clone())
-        }
-        None if config.run.dry_run => None,
-        None => next_folder(&config),
+    let out = match out {
+        None if !config.run.dry_run => next_folder(&config),
+        given => given,
     };
-    let log = out.as_ref().map(|out| out.join("run.mcap"));
-    let journal = match &log {
-        Some(file) => Some(Journal::create(file, &config, &rig.bearings)?),
+    let journal = match &out {
+        Some(out) => {
+            let (file, place) = out.log()?;
+            let overflow = overflow(&config);
+            Some(Journal::new(
+                file,
+                &place,
+                &config,
+                &rig.bearings,
+                overflow,
+            )?)
+        }
         None => None,
     };
     let mut recorder = Recorder::new(&config, journal, session);
@@ -152,23 +157,30 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         journal.result(last, &summary);
     }
     let logged = recorder.journal.take().map_or(Ok(()), Journal::finish);
-    summary.log = log.map(|file| file.display().to_string());
     if let Some(out) = &out {
-        summary.out = Some(out.display().to_string());
-        write_results(out, &config, &recorder.rows, &summary)?;
+        let place = |path: &Path| Some(path.display().to_string());
+        summary.out = place(out.path());
+        summary.log = place(&out.path().join("run.mcap"));
+        summary.log_complete = Some(logged.is_ok());
     }
-    if args.json {
-        print_json(&summary)?;
+    // The verdict first: whatever becomes of the files, it is known.
+    let printed = if args.json {
+        print_json(&summary)
     } else {
-        print_text(&summary)?;
-    }
-    logged.context("the log is not complete")?;
+        print_text(&summary).map_err(anyhow::Error::from)
+    };
+    let written = out.as_ref().map_or(Ok(()), |out| {
+        write_results(out.path(), &config, &recorder.rows, &summary)
+    });
     if let Some(session) = &mut recorder.session {
         session.show_end(&summary.ended);
         if config.ros.stay {
             ros::stay(&config, &mut insertion, session, &controls)?;
         }
     }
+    printed?;
+    written?;
+    logged.context("the log is not complete")?;
     Ok(if summary.ended.is_success() {
         ExitCode::SUCCESS
     } else {
@@ -176,50 +188,19 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// Refuses a folder with the results of another run.
-fn is_free(folder: &Path) -> Result<(), Usage> {
-    let holds = |name: &str| {
-        std::fs::metadata(folder.join(name)).is_ok_and(|found| found.is_file() && found.len() > 0)
+/// Simulated time waits for the disk; a real arm does not.
+fn overflow(config: &Config) -> Overflow {
+    let real = match config.run.backend {
+        Backend::Sim => false,
+        Backend::Viper => !config.viper.emulate,
+        Backend::Ros => config.ros.clock == RosClock::Wall,
     };
-    match ["run.mcap", "summary.json"]
-        .into_iter()
-        .find(|name| holds(name))
-    {
-        None => Ok(()),
-        Some(name) => Err(Usage(format!(
-            "{} holds the results of another run ({name}): nothing is written over; name another folder",
-            folder.display()
-        ))),
-    }
+    if real { Overflow::Drop } else { Overflow::Wait }
 }
 
 /// The next free folder under `out`; nothing, with a warning, where none can be made.
-fn next_folder(config: &Config) -> Option<PathBuf> {
-    let name = format!(
-        "{}-{}-{}",
-        config.run.law, config.run.phantom, config.run.seed
-    );
-    let make = || {
-        let parent = Path::new("out");
-        std::fs::create_dir_all(parent)?;
-        let taken = std::fs::read_dir(parent)?
-            .filter_map(|entry| {
-                entry
-                    .ok()?
-                    .file_name()
-                    .to_str()?
-                    .split('-')
-                    .next()?
-                    .parse()
-                    .ok()
-            })
-            .max()
-            .unwrap_or(0_u32);
-        let folder = parent.join(format!("{:03}-{name}", taken + 1));
-        // Fails if another run took it meanwhile: nothing is ever written over.
-        std::fs::create_dir(&folder).map(|()| folder)
-    };
-    make()
+fn next_folder(config: &Config) -> Option<RunFolder> {
+    RunFolder::next(config)
         .inspect_err(|error| {
             let _ = writeln!(
                 std::io::stderr(),
@@ -244,6 +225,8 @@ struct Recorder {
     rows: Vec<Row>,
     series: Series,
     last: Option<Stamp>,
+    /// Whether the user was told that the log failed.
+    told: bool,
     progress: ProgressBar,
     depth_mm: f64,
 }
@@ -262,6 +245,7 @@ impl Recorder {
             rows: Vec::new(),
             series: Series::default(),
             last: None,
+            told: false,
             progress,
             depth_mm,
         }
@@ -308,6 +292,15 @@ impl Observer for Recorder {
         }
         if let Some(journal) = &mut self.journal {
             journal.step(telemetry);
+            if !core::mem::replace(&mut self.told, journal.error().is_some())
+                && let Some(error) = journal.error()
+            {
+                let _ = writeln!(
+                    std::io::stderr(),
+                    "the log can no longer be written ({}); the insertion goes on",
+                    std::error::Error::source(error).unwrap_or(error)
+                );
+            }
         }
         self.last = Some(telemetry.stamp);
         self.rows.push(self.series.row(telemetry));
@@ -331,6 +324,7 @@ impl Observer for Recorder {
     }
 }
 
+/// Writes every file that can be written.
 fn write_results(
     out: &Path,
     config: &Config,
@@ -338,20 +332,28 @@ fn write_results(
     summary: &Summary,
 ) -> anyhow::Result<()> {
     let place = |name: &str| out.join(name);
-    let text = toml::to_string(config).context("configuration as TOML")?;
-    std::fs::write(place("config.toml"), text).with_context(|| out.display().to_string())?;
-    let csv =
-        std::fs::File::create(place("series.csv")).with_context(|| out.display().to_string())?;
-    write_csv(rows, std::io::BufWriter::new(csv)).with_context(|| out.display().to_string())?;
-    let mut json = serde_json::to_vec_pretty(summary)?;
-    json.push(b'\n');
-    std::fs::write(place("summary.json"), json).with_context(|| out.display().to_string())?;
     let title = format!(
         "law {}, phantom {}, seed {}: {}",
         summary.law, summary.phantom, summary.seed, summary.ended
     );
-    write_run_plot(rows, &title, &place("run.svg"))?;
-    Ok(())
+    let plot = place("run.svg");
+    let files = [
+        save(&place("summary.json"), |file| {
+            serde_json::to_writer_pretty(&mut *file, summary)?;
+            Ok(writeln!(file)?)
+        }),
+        save(&place("config.toml"), |file| {
+            let text = toml::to_string(config).context("configuration as TOML")?;
+            Ok(file.write_all(text.as_bytes())?)
+        }),
+        save(&place("series.csv"), |file| Ok(write_csv(rows, file)?)),
+        write_run_plot(rows, &title, &plot)
+            .inspect_err(|_| {
+                let _ = std::fs::remove_file(&plot);
+            })
+            .with_context(|| plot.display().to_string()),
+    ];
+    files.into_iter().collect()
 }
 
 fn print_text(summary: &Summary) -> std::io::Result<()> {

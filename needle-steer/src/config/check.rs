@@ -1,6 +1,6 @@
 //! Ranges of the configuration's values.
 
-use super::{Config, Invalid, TargetKind};
+use super::{Config, Invalid, LARGEST_SEED, TargetKind};
 
 /// The value lies in `low..=high`.
 fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
@@ -60,6 +60,15 @@ impl Config {
             5.0,
         )?;
         positive("run.max_duration_s", self.run.max_duration_s, 86_400.0)?;
+        if self.run.seed > LARGEST_SEED {
+            return Err(Invalid {
+                key: "run.seed".into(),
+                problem: format!(
+                    "expected at most {LARGEST_SEED}, found {}",
+                    self.run.seed
+                ),
+            });
+        }
         let target = &self.target;
         positive("target.goal_mm", target.goal_mm, 100.0)?;
         if target.kind == TargetKind::Stereo {

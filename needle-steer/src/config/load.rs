@@ -188,6 +188,17 @@ fn apply_override(table: &mut toml::Table, argument: &str) -> Result<String, Con
     if key.is_empty() || key.split('.').any(str::is_empty) {
         return Err(malformed());
     }
+    if value.parse::<i128>().is_ok_and(|n| i64::try_from(n).is_err()) {
+        return Err(ConfigError::Key {
+            origin: Origin::CommandLine,
+            key: key.to_owned(),
+            problem: format!(
+                "expected an integer from {} to {}, found {value}",
+                i64::MIN,
+                i64::MAX
+            ),
+        });
+    }
     let value = toml::from_str::<Holder>(&format!("x = {value}"))
         .map_or_else(|_| toml::Value::String(value.to_owned()), |holder| holder.x);
     let mut parts = key.split('.').peekable();

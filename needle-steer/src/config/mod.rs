@@ -17,6 +17,9 @@ pub use ros::{Ros, RosClock};
 /// The commented default configuration, as `needle-steer config default` prints it.
 pub const DEFAULT_TOML: &str = include_str!("default.toml");
 
+/// Largest seed of a run: integers in TOML have a sign.
+pub const LARGEST_SEED: u64 = i64::MAX as u64;
+
 /// A value outside its range.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Invalid {

@@ -46,11 +46,28 @@ impl Log {
     /// # Errors
     /// The file cannot be made or written.
     pub fn create(path: &Path, run: &RunInfo, overflow: Overflow) -> Result<Self, WriteError> {
+        let file = File::create(path).map_err(|source| WriteError::Io {
+            path: path.display().to_string(),
+            source,
+        })?;
+        Self::new(file, path, run, overflow)
+    }
+
+    /// Writes what is known of the run to an empty `file`, which errors call `path`.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn new(
+        file: File,
+        path: &Path,
+        run: &RunInfo,
+        overflow: Overflow,
+    ) -> Result<Self, WriteError> {
         let io = |source| WriteError::Io {
             path: path.display().to_string(),
             source,
         };
-        let writer = LogWriter::new(File::create(path).map_err(io)?, run)?;
+        let writer = LogWriter::new(file, run)?;
         let (sender, receiver) = sync_channel(QUEUE);
         let thread = std::thread::Builder::new()
             .name("log".to_owned())

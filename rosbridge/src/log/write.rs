@@ -38,6 +38,12 @@ pub enum WriteError {
     /// The log ended before, with an error that was reported then.
     #[error("the log has stopped")]
     Stopped,
+    /// The disk was slower than the run.
+    #[error("the disk was too slow: {records} records are missing")]
+    Dropped {
+        /// Records that are missing.
+        records: u64,
+    },
 }
 
 /// Size at which a chunk is closed \[bytes\].
