@@ -73,15 +73,10 @@ pub struct SpeedCaps {
 }
 
 impl SpeedCaps {
-    /// With the needle in the tissue: 5 mm/s along it, 8 mm/s across.
+    /// For all motion of a needle, in the tissue or beside it: 5 mm/s along it, 8 mm/s across.
     pub const INSERTING: Self = Self {
         along: 0.005,
         across: 0.008,
-    };
-    /// In free air: 50 mm/s.
-    pub const FREE: Self = Self {
-        along: 0.050,
-        across: 0.050,
     };
     /// No cap.
     pub const NONE: Self = Self {
@@ -127,12 +122,6 @@ impl Guard {
         self.workspace = workspace;
         self.caps = caps;
         self
-    }
-
-    /// Changes the speed caps, for instance when the needle enters the tissue. The arm slows
-    /// down to new caps within its joint limits.
-    pub fn set_caps(&mut self, caps: SpeedCaps) {
-        self.caps = caps;
     }
 
     /// The joint limiter.

@@ -1,7 +1,7 @@
 //! Vocabulary of the needle-steering system and the contracts of its devices.
 //!
 //! Everything that crosses a seam between crates is defined here: [time], [frames](frame),
-//! [twists](twist), [joints], [images](image), [sensed needle shapes](shape), the
+//! [twists](twist), [joints], [images](image), [sensed needle shapes](shape) and [markers](marker), the
 //! [`Arm`] and sensor traits, the decorators that guard and record an arm, the
 //! [`Telemetry`] snapshot and the [`Error`] of devices.
 //!
@@ -17,6 +17,7 @@ pub mod frame;
 pub mod guarded;
 pub mod image;
 pub mod joints;
+pub mod marker;
 pub mod recorded;
 pub mod shape;
 pub mod telemetry;
@@ -29,6 +30,7 @@ pub use frame::{Position, Transform};
 pub use guarded::{Guard, Guarded, Limiter};
 pub use image::{CameraFrame, GrayImage, StereoCamera, StereoFrame};
 pub use joints::{JointLimit, JointLimits, Joints, MAX_JOINTS};
+pub use marker::{MarkerSensor, SensedMarker};
 pub use recorded::Recorded;
 pub use shape::{SensedPoint, SensedShape, SensedTip, ShapeSensor};
 pub use telemetry::Telemetry;

@@ -299,6 +299,7 @@ mod tests {
                     steps: 0,
                     out: None,
                     log: None,
+                    log_complete: None,
                 })
             })
             .unwrap();

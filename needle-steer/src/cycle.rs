@@ -7,7 +7,9 @@ mod measurement;
 
 use hal::frame::LeftCamera;
 use hal::telemetry::{Phase, SteeringMode, Telemetry, Tracking};
-use hal::{ArmState, Position, SensedShape, SensedTip, Stamp, StereoFrame, Transform};
+use hal::{
+    ArmState, Position, SensedMarker, SensedShape, SensedTip, Stamp, StereoFrame, Transform,
+};
 use hybrid_control::view::{Decision, Entry, Law, Springs, Target, Tip, View};
 use hybrid_control::{
     Estimator, EstimatorError, LawError, Limits, Start, TissueField, lateral_error, law_by_name,
@@ -15,7 +17,6 @@ use hybrid_control::{
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::{RateSettings, TwistRates};
-use serde::{Deserialize, Serialize};
 use vision::track::TrackSettingsError;
 
 pub use crate::bearings::{Bearings, base_pose};
@@ -48,20 +49,9 @@ pub struct Snapshot<'a> {
     /// A new pair of images, if cameras took one.
     pub pair: Option<&'a StereoFrame>,
     /// A new measurement of the marker that the tissue carries, if one arrived.
-    pub marker: Option<SeenMarker>,
+    pub marker: Option<SensedMarker>,
     /// What the run is doing.
     pub phase: Phase,
-}
-
-/// A marker of the moving tissue as a sensor saw it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SeenMarker {
-    /// Exposure.
-    pub stamp: Stamp,
-    /// Where it was.
-    pub position: Position<LeftCamera>,
-    /// Standard deviation per axis \[m\].
-    pub sigma: f64,
 }
 
 /// A configuration that makes no cycle.

@@ -168,7 +168,10 @@ impl Plan {
 
     /// Number of runs.
     pub fn len(&self) -> u64 {
-        let cells = self.experiments.iter().map(|e| self.columns(e).len() as u64);
+        let cells = self
+            .experiments
+            .iter()
+            .map(|e| self.columns(e).len() as u64);
         self.runs.saturating_mul(cells.sum())
     }
 
@@ -408,15 +411,13 @@ pub fn in_parallel<T: Sync, R: Send>(
                 } {
                     let result = work(task);
                     done.lock()
-                        .unwrap_or_else(std::sync::PoisonError::into_inner)
+                        .unwrap_or_else(PoisonError::into_inner)
                         .push((index, result));
                 }
             });
         }
     });
-    let mut done = done
-        .into_inner()
-        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
     done.sort_by_key(|(index, _)| *index);
     done.into_iter().map(|(_, result)| result).collect()
 }

@@ -13,7 +13,7 @@ use robots::viper::{self, Dialect, Monitor, ViperArm};
 
 use crate::clock::{WallClock, WallTime};
 use crate::config::{Config, ViperDialect};
-use crate::rig::NotAtStart;
+use crate::rig::{NotAtStart, PlacedTool, arm_place};
 use crate::world::Body;
 
 /// Longest wait for the link and the first report.
@@ -95,8 +95,8 @@ pub fn connect(
     time: WallTime,
 ) -> Result<(ViperArm, HostArm), HostError> {
     let core = Core::new(settings(config))?.with_tool(ToolLimits {
-        tool: Box::new(chain.clone()),
-        workspace: None,
+        tool: PlacedTool::new(chain, arm_place(config).isometry()),
+        workspace: config.workspace(),
         caps: SpeedCaps::INSERTING,
     });
     let mut arm = ViperArm::run(core, Arc::new(move || time.now()))?;

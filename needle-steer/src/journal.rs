@@ -6,13 +6,13 @@ use std::path::Path;
 
 use anyhow::Context;
 use hal::telemetry::{Phase, Telemetry};
-use hal::{ArmState, Position, RateCommand, SensedShape, Stamp, StereoFrame};
+use hal::{ArmState, Position, RateCommand, SensedMarker, SensedShape, Stamp, StereoFrame};
 use rosbridge::log::{Level, Log, Overflow, Record, RunInfo, WriteError};
 
 use vision::track::Tracked;
 
 use crate::config::Config;
-use crate::cycle::{Bearings, SeenMarker};
+use crate::cycle::Bearings;
 use crate::outcome::Summary;
 use crate::run::Observer;
 
@@ -131,7 +131,7 @@ const MARKER: &str = "marker";
 
 /// A marker's measurement as a note: nanoseconds, position and deviation in metres. Debug output
 /// of a float is the shortest text that reads back as the same bits.
-fn marker_note(marker: &SeenMarker) -> String {
+fn marker_note(marker: &SensedMarker) -> String {
     let p = marker.position.point();
     let (x, y, z, sigma) = (p.x, p.y, p.z, marker.sigma);
     format!(
@@ -141,11 +141,11 @@ fn marker_note(marker: &SeenMarker) -> String {
 }
 
 /// The marker that a note tells of, if it does.
-pub fn marker_of(note: &str) -> Option<SeenMarker> {
+pub fn marker_of(note: &str) -> Option<SensedMarker> {
     let mut words = note.strip_prefix(MARKER)?.split_whitespace();
     let stamp = Stamp::from_nanos(words.next()?.parse().ok()?);
     let mut number = || words.next()?.parse::<f64>().ok();
-    Some(SeenMarker {
+    Some(SensedMarker {
         stamp,
         position: Position::new(nalgebra::Point3::new(number()?, number()?, number()?)),
         sigma: number()?,
@@ -153,7 +153,7 @@ pub fn marker_of(note: &str) -> Option<SeenMarker> {
 }
 
 impl Observer for Journal {
-    fn marker(&mut self, marker: &SeenMarker) {
+    fn marker(&mut self, marker: &SensedMarker) {
         self.write(Record::Note {
             stamp: marker.stamp,
             level: Level::Info,
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn a_marker_survives_its_note_bit_by_bit() {
-        let marker = SeenMarker {
+        let marker = SensedMarker {
             stamp: Stamp::from_nanos(123_456_789_012),
             position: Position::new(nalgebra::Point3::new(0.1 + 0.2, -0.0, 1e-300)),
             sigma: 0.05e-3,

@@ -3,10 +3,8 @@
 use std::time::Duration;
 
 use hal::telemetry::Telemetry;
-use hal::{ArmState, RateCommand, SensedShape, StereoFrame};
+use hal::{ArmState, RateCommand, SensedMarker, SensedShape, StereoFrame};
 use vision::track::Tracked;
-
-use crate::cycle::SeenMarker;
 
 /// Takes note of a run while it goes on.
 pub trait Observer {
@@ -39,7 +37,7 @@ pub trait Observer {
     }
 
     /// The marker that the step read; called after [`Observer::inputs`] where there was one.
-    fn marker(&mut self, marker: &SeenMarker) {
+    fn marker(&mut self, marker: &SensedMarker) {
         let _ = marker;
     }
 

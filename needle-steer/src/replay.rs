@@ -10,13 +10,13 @@ use std::path::Path;
 
 use hal::frame::LeftCamera;
 use hal::telemetry::{Phase, Telemetry};
-use hal::{ArmState, Joints, Position, SensedShape, Stamp};
+use hal::{ArmState, Joints, Position, SensedMarker, SensedShape, Stamp};
 use rosbridge::log::{LogReader, ReadError, Record, RunInfo, same_step};
 use serde::Serialize;
 
 use crate::clock::WallTime;
 use crate::config::{self, Config, ConfigError, SensorKind, TargetKind};
-use crate::cycle::{Cycle, CycleError, SeenMarker, Snapshot};
+use crate::cycle::{Cycle, CycleError, Snapshot};
 use crate::journal::marker_of;
 use crate::rig::{self, RigBuildError};
 use crate::run::PREDICTION;
@@ -238,7 +238,7 @@ impl<'a> Tape<'a> {
 struct Inputs {
     arm: Option<ArmState>,
     shape: Option<SensedShape>,
-    marker: Option<SeenMarker>,
+    marker: Option<SensedMarker>,
 }
 
 /// A cycle that is fed from a log.

@@ -156,6 +156,7 @@ impl<'a> Insertion<'a> {
         }
         self.rig.check_start(&self.first)?;
         self.attach_marker(config);
+        self.rig.await_marker(config)?;
         self.rig.enable()?;
         let ended = self.conduct(config, observer, controls)?;
         Ok(self.summary(config, ended))
@@ -277,6 +278,7 @@ impl<'a> Insertion<'a> {
             if let Err(error) = self.rig.arm.command(&command) {
                 return self.refused(error);
             }
+            self.supervisor.at_box(now, self.rig.is_at_box());
             observer.command(&command);
             deadline = deadline + period;
             self.rig.clock.wait_until(deadline);
@@ -317,8 +319,7 @@ impl<'a> Insertion<'a> {
             return Ok(());
         }
         self.change_phase(config, now, state);
-        let world = self.rig.world.as_ref();
-        let marker = world.and_then(|world| world.poll_marker());
+        let marker = self.rig.marker.poll()?;
         let dt = if since.is_finite() { since } else { PREDICTION };
         let begun = Instant::now();
         let telemetry = self.cycle.step(&Snapshot {

@@ -5,10 +5,9 @@ use hal::telemetry::TruthReport;
 use hal::{Stamp, Transform};
 use nalgebra::Vector3;
 
-use crate::cycle::SeenMarker;
-
-/// A laboratory that knows the truth: the simulated world, or an emulated one elsewhere. Only
-/// protocol, score and telemetry ask it; never a law.
+/// A laboratory that knows the truth: the simulated world, or an emulated one elsewhere. It can
+/// only be read, and only protocol, score and telemetry read it: a controller's inputs are the
+/// measurements of [`Snapshot`](crate::cycle::Snapshot).
 pub trait GroundTruth: Send {
     /// Straight pre-insertion that this run's protocol asks for \[m\].
     fn pre_insertion(&self) -> f64;
@@ -19,29 +18,27 @@ pub trait GroundTruth: Send {
     /// Tip O in truth, World \[m\].
     fn true_tip(&self) -> Vector3<f64>;
 
-    /// Marks the tissue that is at `place` now (World \[m\]), where the laboratory can.
-    fn attach_marker(&self, place: &Vector3<f64>) {
-        let _ = place;
-    }
-
     /// Where the marker is in truth, World \[m\]; nothing where none is attached.
     fn marker(&self) -> Option<Vector3<f64>> {
-        None
-    }
-
-    /// The marker as the sensor delivers it, if there is something new.
-    fn poll_marker(&self) -> Option<SeenMarker> {
         None
     }
 
     /// Where the frame of the sensors' measurements truly lies; a registration may think
     /// otherwise.
     fn stereo_from_world(&self) -> Transform<LeftCamera, World>;
+}
+
+/// What is done in such a laboratory beside the controller: the tissue is marked, the score kept.
+pub trait Scoring: GroundTruth {
+    /// Marks the tissue that is at `place` now (World \[m\]), where the laboratory can.
+    fn attach_marker(&self, place: &Vector3<f64>) {
+        let _ = place;
+    }
 
     /// Starts to keep the score against a true target in World \[m\].
     fn watch(&self, target: Vector3<f64>);
 
-    /// The truth for telemetry.
+    /// The truth for telemetry, with target and errors.
     fn report(&self) -> TruthReport;
 
     /// The figures of the run so far; nothing before a target was set.

@@ -28,6 +28,11 @@ const MODEL_HOLD: Duration = Duration::from_millis(100);
 /// The same for longer ends the run.
 const MODEL_STOP: Duration = Duration::from_secs(2);
 
+/// Longest wait for the operator to hold the dead-man's switch at the start.
+const FIRST_TOKEN: Duration = Duration::from_secs(30);
+/// How long the guard may hold the base at its box before the run ends.
+const AT_BOX: Duration = Duration::from_secs(2);
+
 /// Bounds in SI units.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bounds {
@@ -111,7 +116,12 @@ pub struct Supervisor {
     stalled: Option<Stamp>,
     /// Since when the tissue is loaded beyond its bounds.
     overloaded: Option<Stamp>,
-    dead_man: (u64, Stamp),
+    /// Number of the newest token and when it came, or when tokens were first looked for.
+    dead_man: Option<(u64, Stamp)>,
+    /// Whether a token has come.
+    held: bool,
+    /// Since when, and until when, the guard has kept the base in its box.
+    at_box: Option<(Stamp, Stamp)>,
     latched: Option<StopReason>,
 }
 
@@ -126,7 +136,9 @@ impl Supervisor {
             implausible: None,
             stalled: None,
             overloaded: None,
-            dead_man: (0, start),
+            dead_man: None,
+            held: false,
+            at_box: None,
             latched: None,
         }
     }
@@ -140,11 +152,21 @@ impl Supervisor {
         }
     }
 
-    /// Notes the count of dead-man's tokens.
+    /// Notes the count of dead-man's tokens. Those given before the first call do not count:
+    /// nothing moves before the next one.
     pub fn dead_man(&mut self, now: Stamp, count: u64) {
-        if count != self.dead_man.0 {
-            self.dead_man = (count, now);
+        match self.dead_man {
+            Some((last, _)) if last == count => {}
+            before => {
+                self.held |= before.is_some();
+                self.dead_man = Some((count, now));
+            }
         }
+    }
+
+    /// Notes whether the guard kept the newest command from leading out of the workspace box.
+    pub fn at_box(&mut self, now: Stamp, kept: bool) {
+        self.at_box = kept.then(|| (self.at_box.map_or(now, |(since, _)| since), now));
     }
 
     /// The latched reason, if any.
@@ -186,7 +208,9 @@ impl Supervisor {
     /// Why the arm stands still for now.
     fn doubt(&self, now: Stamp, evidence: &Evidence) -> Option<Cause> {
         let model_fails = |(since, _): &(Stamp, String)| now.since(*since) > MODEL_HOLD;
-        if evidence.withdrawing {
+        if self.bounds.dead_man.is_some() && !self.held {
+            Some(Cause::Operator)
+        } else if evidence.withdrawing {
             None
         } else if evidence.stalled.is_some() {
             Some(Cause::Stall)
@@ -223,12 +247,23 @@ impl Supervisor {
                 age_s: now.secs_since(arm.stamp),
             });
         }
-        if bounds
-            .dead_man
-            .is_some_and(|longest| now.since(self.dead_man.1) > longest)
+        if let (Some(longest), Some((_, newest))) = (bounds.dead_man, self.dead_man) {
+            let longest = if self.held {
+                longest
+            } else {
+                longest.max(FIRST_TOKEN)
+            };
+            if now.since(newest) > longest {
+                return Err(StopReason::DeadMan {
+                    age_s: now.secs_since(newest),
+                });
+            }
+        }
+        if let Some((since, until)) = self.at_box
+            && until.since(since) > AT_BOX
         {
-            return Err(StopReason::DeadMan {
-                age_s: now.secs_since(self.dead_man.1),
+            return Err(StopReason::WorkspaceBox {
+                held_s: until.secs_since(since),
             });
         }
         let tip = t.world_from_tip.origin().coords();

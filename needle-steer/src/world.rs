@@ -5,14 +5,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::telemetry::{TruthEvent, TruthReport};
 use hal::{
-    Error, Joints, Position, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform,
+    Error, Joints, MarkerSensor, Position, SensedMarker, SensedShape, ShapeSensor, Stamp,
+    StereoCamera, StereoFrame, Transform,
 };
 use nalgebra::Vector3;
 use phantom::{Bench, Event};
 use robots::kinematics::Chain;
 
-use crate::cycle::SeenMarker;
-use crate::score::{GroundTruth, Score, TrueFigures};
+use crate::score::{GroundTruth, Score, Scoring, TrueFigures};
 
 /// What moves in the world: an arm whose true joints can be read at any time.
 pub trait Body: Send {
@@ -109,6 +109,11 @@ impl SimulatedWorld {
         WorldSensor(self.clone())
     }
 
+    /// What sees the marker of this world.
+    pub fn marker_sensor(&self) -> impl MarkerSensor + use<> {
+        WorldSensor(self.clone())
+    }
+
     /// The cameras of this world.
     pub fn cameras(&self) -> impl StereoCamera + use<> {
         WorldSensor(self.clone())
@@ -156,25 +161,18 @@ impl GroundTruth for SimulatedWorld {
         self.lock().bench.truth().tip()
     }
 
-    fn attach_marker(&self, place: &Vector3<f64>) {
-        self.lock().bench.attach_marker(place);
-    }
-
     fn marker(&self) -> Option<Vector3<f64>> {
         self.lock().bench.marker()
     }
 
-    fn poll_marker(&self) -> Option<SeenMarker> {
-        let seen = self.lock().bench.poll_marker()?;
-        Some(SeenMarker {
-            stamp: seen.stamp,
-            position: seen.position,
-            sigma: seen.sigma,
-        })
-    }
-
     fn stereo_from_world(&self) -> Transform<LeftCamera, World> {
         self.lock().stereo_from_world
+    }
+}
+
+impl Scoring for SimulatedWorld {
+    fn attach_marker(&self, place: &Vector3<f64>) {
+        self.lock().bench.attach_marker(place);
     }
 
     fn watch(&self, target: Vector3<f64>) {
@@ -211,6 +209,16 @@ struct WorldSensor(SimulatedWorld);
 impl ShapeSensor for WorldSensor {
     fn poll(&mut self) -> Result<Option<SensedShape>, Error> {
         ShapeSensor::poll(&mut self.0.lock().bench)
+    }
+}
+
+impl MarkerSensor for WorldSensor {
+    fn poll(&mut self) -> Result<Option<SensedMarker>, Error> {
+        Ok(self.0.lock().bench.poll_marker().map(|seen| SensedMarker {
+            stamp: seen.stamp,
+            position: seen.position,
+            sigma: seen.sigma,
+        }))
     }
 }
 

@@ -134,7 +134,10 @@ fn a_configuration_in_the_folder_of_the_results_is_not_written_over() {
     let place = folder("own-config");
     let text = "[run]\nseed = 3\n";
     std::fs::write(place.join("config.toml"), text).unwrap();
-    let output = needle_steer(&place, &[&SHORT[..], &["config.toml", "--out", "."]].concat());
+    let output = needle_steer(
+        &place,
+        &[&SHORT[..], &["config.toml", "--out", "."]].concat(),
+    );
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
     assert!(stderr(&output).contains("config.toml"));
     let kept = std::fs::read_to_string(place.join("config.toml")).unwrap();
@@ -207,15 +210,33 @@ fn seeds_beyond_what_a_configuration_holds_are_refused_in_true_words() {
         }
     }
     let output = needle_steer(&place, &[&SHORT[..], &["--seed", largest]].concat());
-    assert_eq!(json(&output.stdout)["seed"], i64::MAX, "{}", stderr(&output));
-    let beyond = ["reproduce", "--seed", largest, "--runs", "18446744073709551615"];
+    assert_eq!(
+        json(&output.stdout)["seed"],
+        i64::MAX,
+        "{}",
+        stderr(&output)
+    );
+    let beyond = [
+        "reproduce",
+        "--seed",
+        largest,
+        "--runs",
+        "18446744073709551615",
+    ];
     let output = needle_steer(&place, &beyond);
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
     assert!(stderr(&output).contains("the last seed is above"));
 }
 
 /// One experiment without control, on the fast sensor.
-const E1: [&str; 6] = ["reproduce", "--experiments", "e1", "--sensor", "shape", "--json"];
+const E1: [&str; 6] = [
+    "reproduce",
+    "--experiments",
+    "e1",
+    "--sensor",
+    "shape",
+    "--json",
+];
 
 #[test]
 fn reproduce_heeds_every_change_or_refuses_it() {
@@ -229,7 +250,10 @@ fn reproduce_heeds_every_change_or_refuses_it() {
         ("target.offset_mm=3", "the paper"),
         ("target.kind=stereo", "the paper"),
     ] {
-        let output = needle_steer(&place, &[&E1[..], &["--set", change, "--out", "x"]].concat());
+        let output = needle_steer(
+            &place,
+            &[&E1[..], &["--set", change, "--out", "x"]].concat(),
+        );
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(2), "{change}: {said}");
         assert!(said.contains(reason), "{change}: {said}");
@@ -251,8 +275,18 @@ fn reproduce_heeds_every_change_or_refuses_it() {
 fn an_interrupted_reproduction_keeps_its_finished_runs() {
     let place = folder("interrupted");
     // More runs than any memory holds.
-    let runs = ["--runs", "18446744073709551615", "--out", "x", "--jobs", "1"];
-    let child = start(&place, &[&E1[..], &["--set", "target.depth_mm=10"], &runs].concat());
+    let runs = [
+        "--runs",
+        "18446744073709551615",
+        "--out",
+        "x",
+        "--jobs",
+        "1",
+    ];
+    let child = start(
+        &place,
+        &[&E1[..], &["--set", "target.depth_mm=10"], &runs].concat(),
+    );
     let lines = place.join("x/runs.jsonl");
     wait_for(|| std::fs::read_to_string(&lines).is_ok_and(|text| text.lines().count() >= 2));
     let output = interrupt(child);
@@ -277,7 +311,15 @@ fn an_interrupted_reproduction_keeps_its_finished_runs() {
 #[test]
 fn a_reproduction_that_finds_the_disk_full_prints_what_it_found() {
     let place = folder("reproduce-full");
-    let arguments = ["reproduce", "--experiments", "e1", "--sensor", "shape", "--runs", "3"];
+    let arguments = [
+        "reproduce",
+        "--experiments",
+        "e1",
+        "--sensor",
+        "shape",
+        "--runs",
+        "3",
+    ];
     let more = ["--set", "target.depth_mm=10", "--out", "x"];
     let run = start_on_small_disk(&place, 1, &[&arguments[..], &more].concat());
     let output = run.wait_with_output().unwrap();
@@ -306,7 +348,14 @@ fn a_report_replaces_a_report_and_nothing_else() {
     }
     // Nor does an estimate write over the configuration it began from.
     std::fs::write(place.join("mine.toml"), "[run]\nseed = 2\n").unwrap();
-    let own = ["estimate", "x/run.mcap", "--config", "mine.toml", "--out", "mine.toml"];
+    let own = [
+        "estimate",
+        "x/run.mcap",
+        "--config",
+        "mine.toml",
+        "--out",
+        "mine.toml",
+    ];
     let refused = needle_steer(&place, &own);
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
     let kept = std::fs::read_to_string(place.join("mine.toml")).unwrap();

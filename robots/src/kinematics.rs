@@ -20,6 +20,6 @@ pub use inverse::Turns;
 pub use opw::OpwParameters;
 pub use rates::{RateSettings, TwistRates};
 pub use spin::Spin;
-pub use turns::{NotEnoughTravel, RemainingTravel, TurnBudget};
+pub use turns::{RemainingTravel, TurnBudget};
 pub use urdf::error::UrdfError;
 pub use urdf::{Section, arm_sections};

@@ -4,7 +4,8 @@
 //!
 //! * [`msg`]: the messages, generated from `msgs` at build time.
 //! * [`bridge`]: a run on topics, and requests from services.
-//! * [`arm`], [`cameras`]: the back end: devices behind topics.
+//! * [`arm`], [`cameras`], [`marker`]: the back end: devices behind topics.
+//! * [`dead_man`]: the operator's token.
 //! * [`laboratory`], [`lockstep`]: an emulated laboratory, and its time moved by the controller.
 //! * [`emulator`]: the other side of the back end: an arm, cameras, a laboratory as a node.
 //! * [`motion`]: an arm moved by hand: twists and joint trajectories.
@@ -20,11 +21,13 @@ pub mod bridge;
 pub mod cameras;
 mod codes;
 pub mod convert;
+pub mod dead_man;
 mod display;
 pub mod emulator;
 pub mod laboratory;
 pub mod lockstep;
 pub mod log;
+pub mod marker;
 pub mod motion;
 pub mod msg;
 pub mod relay;

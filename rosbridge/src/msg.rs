@@ -36,6 +36,7 @@ mod generated {
         sensor_msgs / CameraInfo,
         sensor_msgs / Image,
         sensor_msgs / JointState,
+        std_msgs / Empty,
         std_msgs / Float64MultiArray,
         std_srvs / SetBool,
         std_srvs / Trigger,
@@ -91,6 +92,7 @@ mod tests {
             "trajectory_msgs/JointTrajectory",
             "65b4f94a94d1ed67169da35a02f33d3f",
         );
+        check::<std_msgs::Empty>("std_msgs/Empty", "d41d8cd98f00b204e9800998ecf8427e");
         check::<diagnostic_msgs::DiagnosticArray>(
             "diagnostic_msgs/DiagnosticArray",
             "60810da900de1dd6ddd437c3503511da",

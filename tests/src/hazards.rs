@@ -1,10 +1,55 @@
-//! Holds docs/HAZARDS.md against the tests: every hazard has one, and every test named exists.
+//! Holds docs/HAZARDS.md against the code: what a row cites is called by the product, and the
+//! tests it names exist.
 
 use std::path::Path;
 
 use crate::equations::rust_files;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+/// What a row may name as back ends.
+const BACK_ENDS: [&str; 3] = ["sim", "viper", "ros"];
+
+/// One row of the tables.
+struct Row {
+    hazard: String,
+    symbols: Vec<String>,
+    callers: Vec<String>,
+    back_ends: String,
+    tests: Vec<String>,
+}
+
+fn read(file: &str) -> Option<String> {
+    std::fs::read_to_string(Path::new(ROOT).join(file)).ok()
+}
+
+/// What stands in backquotes.
+fn codes(cell: &str) -> Vec<String> {
+    let parts = cell.split('`').skip(1).step_by(2);
+    parts.map(str::to_owned).collect()
+}
+
+fn rows() -> Vec<Row> {
+    read("docs/HAZARDS.md")
+        .unwrap()
+        .lines()
+        .filter(|line| line.starts_with("| ") && !line.starts_with("| Hazard"))
+        .map(|line| {
+            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            assert_eq!(cells.len(), 8, "six columns: {line}");
+            Row {
+                hazard: cells[1].to_owned(),
+                symbols: codes(cells[3]),
+                callers: codes(cells[4]),
+                back_ends: cells[5].to_owned(),
+                // A word in brackets is a remark on a test.
+                tests: codes(cells[6].split(" (").next().unwrap_or_default())
+                    .into_iter()
+                    .chain(cells[6].split(") ").skip(1).flat_map(codes))
+                    .collect(),
+            }
+        })
+        .collect()
+}
 
 /// All of a crate's code and tests.
 fn sources(member: &str) -> String {
@@ -21,6 +66,37 @@ fn sources(member: &str) -> String {
         .collect()
 }
 
+/// Code of the product: no tests, no comments, no imports.
+fn product(text: &str) -> String {
+    let code = text.split("#[cfg(test)]\nmod").next().unwrap_or_default();
+    code.lines()
+        .filter(|line| {
+            let line = line.trim_start();
+            !line.starts_with("//") && !line.starts_with("use ") && !line.starts_with("pub use ")
+        })
+        .map(|line| format!("{line}\n"))
+        .collect()
+}
+
+/// Whether `code` calls `symbol`, which is `function`, `Type::method` or `Type::CONSTANT`.
+fn calls(code: &str, symbol: &str) -> bool {
+    let name = symbol.rsplit("::").next().unwrap_or(symbol);
+    if name.chars().all(|c| c.is_ascii_uppercase() || c == '_') {
+        return code.contains(symbol);
+    }
+    let (path, method) = (format!("{symbol}("), format!(".{name}("));
+    if symbol.contains("::") {
+        return code.contains(&path)
+            || (name != "new" && code.contains(&method))
+            // Handed over as a function.
+            || code.contains(&format!("({symbol})"));
+    }
+    code.match_indices(&path).any(|(at, _)| {
+        let before = &code[..at];
+        !before.ends_with("fn ") && !before.ends_with(|c: char| c.is_alphanumeric() || c == '_')
+    })
+}
+
 /// Whether `text` holds the function `name` right below a `#[test]`, attributes between allowed.
 fn is_test(text: &str, name: &str) -> bool {
     text.find(&format!("fn {name}(")).is_some_and(|at| {
@@ -33,33 +109,13 @@ fn is_test(text: &str, name: &str) -> bool {
     })
 }
 
-/// Rows of the tables: hazard and tests.
-fn rows() -> Vec<(String, String)> {
-    std::fs::read_to_string(Path::new(ROOT).join("docs/HAZARDS.md"))
-        .unwrap()
-        .lines()
-        .filter(|line| line.starts_with("| ") && !line.starts_with("| Hazard"))
-        .map(|line| {
-            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
-            assert_eq!(cells.len(), 5, "{line}");
-            (cells[1].to_owned(), cells[3].to_owned())
-        })
-        .collect()
-}
-
 #[test]
 fn every_hazard_has_a_test_that_exists() {
-    let contract = std::fs::read_to_string(Path::new(ROOT).join("tests/src/arm_contract.rs"));
-    let contract = contract.unwrap();
+    let contract = read("tests/src/arm_contract.rs").unwrap();
     let mut named = 0;
-    for (hazard, tests) in rows() {
-        let mut found = 0;
+    for Row { hazard, tests, .. } in rows() {
         let mut member = String::new();
-        for (i, code) in tests.split('`').enumerate() {
-            if i % 2 == 0 {
-                continue;
-            }
-            found += 1;
+        for code in &tests {
             if let Some(clause) = code.strip_prefix("contract: ") {
                 let clause = format!("fn {clause}<H: Harness>(");
                 assert!(contract.contains(&clause), "{hazard}: no clause `{code}`");
@@ -76,8 +132,71 @@ fn every_hazard_has_a_test_that_exists() {
                 "{hazard}: no test `{name}` in {member}"
             );
         }
-        assert!(found > 0, "{hazard}: no test");
-        named += found;
+        assert!(!tests.is_empty(), "{hazard}: no test");
+        named += tests.len();
     }
     assert!(named >= 24, "the tables were not read: {named}");
+}
+
+#[test]
+fn every_mitigation_is_called_by_the_product() {
+    for row in rows() {
+        let hazard = &row.hazard;
+        assert!(!row.symbols.is_empty(), "{hazard}: no symbol");
+        let callers: Vec<(&String, String)> = row
+            .callers
+            .iter()
+            .map(|file| {
+                assert!(
+                    file.contains("/src/"),
+                    "{hazard}: {file} is no product code"
+                );
+                let text = read(file).unwrap_or_else(|| panic!("{hazard}: no file {file}"));
+                (file, product(&text))
+            })
+            .collect();
+        for symbol in &row.symbols {
+            assert!(
+                callers.iter().any(|(_, code)| calls(code, symbol)),
+                "{hazard}: `{symbol}` is called in none of {:?}",
+                row.callers
+            );
+        }
+        for (file, code) in &callers {
+            assert!(
+                row.symbols.iter().any(|symbol| calls(code, symbol)),
+                "{hazard}: {file} calls none of {:?}",
+                row.symbols
+            );
+        }
+    }
+}
+
+#[test]
+fn every_hazard_names_its_back_ends() {
+    for row in rows() {
+        let known = |name: &str| BACK_ENDS.contains(&name);
+        assert!(
+            row.back_ends.split(", ").all(known),
+            "{}: `{}`",
+            row.hazard,
+            row.back_ends
+        );
+    }
+}
+
+#[test]
+fn a_definition_a_comment_or_a_test_is_no_call() {
+    let text = "use a::admit;\n// admit(1)\nfn admit(x: f64) {}\n#[cfg(test)]\nmod tests {\n admit(1.0);\n}\n";
+    assert!(!calls(&product(text), "admit"));
+    assert!(!calls(&product("fn f() { readmit(1); }"), "admit"));
+    assert!(calls(&product("fn f() { admit(1); }"), "admit"));
+    assert!(calls(
+        &product("fn f() { budget.admit(1); }"),
+        "TurnBudget::admit"
+    ));
+    assert!(!calls(
+        &product("fn f() { Other::new(1); }"),
+        "Guarded::new"
+    ));
 }

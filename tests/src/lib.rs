@@ -3,6 +3,7 @@
 
 mod arm_contract;
 mod arrows;
+mod bounds;
 mod calibration_truth;
 mod equations;
 mod hazards;

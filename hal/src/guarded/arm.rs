@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::{Guard, Motion, SpeedCaps};
+use super::{Guard, Motion};
 use crate::telemetry::Limit;
 use crate::{Arm, ArmDescription, ArmMode, ArmState, Error, ErrorKind, RateCommand, Stamp};
 
@@ -39,11 +39,6 @@ impl<A: Arm> Guarded<A> {
     /// Limits that acted on the newest command.
     pub fn acted(&self) -> &[Limit] {
         &self.acted
-    }
-
-    /// Changes the speed caps of the tool.
-    pub fn set_caps(&mut self, caps: SpeedCaps) {
-        self.guard.set_caps(caps);
     }
 
     /// The arm behind the guard.

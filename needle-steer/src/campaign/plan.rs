@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::config::{self, Config, ConfigError, Target, TargetKind};
+use crate::config::{self, Config, ConfigError, Invalid, Target, TargetKind};
 
 /// Most runs of one campaign.
 const MOST_RUNS: u64 = 10_000_000;
@@ -225,14 +225,14 @@ impl Plan {
 
     /// Every law, phantom and target once, so that a typo is found before the first run.
     fn check(&self, name: &Path) -> Result<(), PlanError> {
+        let wrong = |e: Invalid| PlanError::Value {
+            file: name.to_owned(),
+            problem: format!("{}: {}", e.key, e.problem),
+        };
+        self.base.check_unattended().map_err(wrong)?;
         for run in 0..self.len() / self.seeds.count {
             let task = self.task(run * self.seeds.count);
-            self.config(&task)
-                .validate()
-                .map_err(|e| PlanError::Value {
-                    file: name.to_owned(),
-                    problem: format!("{}: {}", e.key, e.problem),
-                })?;
+            self.config(&task).validate().map_err(wrong)?;
         }
         Ok(())
     }

@@ -6,6 +6,7 @@ mod arms;
 mod calibrate;
 mod campaign;
 mod check;
+mod dead_man;
 mod emulate;
 mod estimate;
 mod model;

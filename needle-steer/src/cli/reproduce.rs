@@ -97,7 +97,10 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
         progress.inc(1);
         if let Some(lines) = &lines {
             // A full disk ends nothing: all of it is written again at the end, or printed.
-            let _ = keep(&mut *lines.lock().unwrap_or_else(PoisonError::into_inner), run);
+            let _ = keep(
+                &mut *lines.lock().unwrap_or_else(PoisonError::into_inner),
+                run,
+            );
         }
     };
     let found = reproduce(&plan, jobs, |config| one(config, &interrupt), finished);
@@ -216,6 +219,8 @@ impl ReproduceArgs {
             brackets: self.brackets,
             base: config::load(None, &overrides)?,
         };
+        let unattended = plan.base.check_unattended();
+        unattended.map_err(|e| Usage(format!("key `{}`: {}", e.key, e.problem)))?;
         self.check_heeded(&plan)?;
         Ok(plan)
     }

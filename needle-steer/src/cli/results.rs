@@ -75,6 +75,12 @@ impl RunFolder {
         &self.folder
     }
 
+    /// Empties the log of a run that was refused before anything moved.
+    pub(super) fn forget(&self) {
+        // What stays is only untidy.
+        let _ = self.log.set_len(0);
+    }
+
     /// The log, empty, and its place.
     pub(super) fn log(&self) -> std::io::Result<(File, PathBuf)> {
         Ok((self.log.try_clone()?, self.folder.join(LOG)))
@@ -121,7 +127,11 @@ fn holds(file: &Path) -> bool {
 /// # Errors
 /// There is.
 pub(super) fn check_free(file: &Path) -> Result<(), Usage> {
-    if holds(file) { Err(taken(file)) } else { Ok(()) }
+    if holds(file) {
+        Err(taken(file))
+    } else {
+        Ok(())
+    }
 }
 
 fn taken(file: &Path) -> Usage {

@@ -13,15 +13,17 @@ use indicatif::{ProgressBar, ProgressStyle};
 use rosbridge::log::Overflow;
 use vision::track::Tracked;
 
+use super::dead_man;
 use super::print_json;
 use super::results::{RunFolder, save};
-use crate::config::{self, Backend, Config, LARGEST_SEED, RosClock};
+use crate::clock::WallTime;
+use crate::config::{self, Config, LARGEST_SEED};
 use crate::controls::Controls;
 use crate::host::degrees;
 use crate::journal::Journal;
 use crate::outcome::Summary;
 use crate::plot::write_run_plot;
-use crate::rig::Rig;
+use crate::rig::{Pace, Rig, RigBuildError};
 use crate::ros::{self, Leave, Link, Session};
 use crate::run::{Insertion, Observer};
 use crate::series::{Row, Series, write_csv};
@@ -115,7 +117,8 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if let Some(link) = &link {
         link.end_with_node(&controls);
     }
-    let mut rig = Rig::build(&config, link.as_ref())?;
+    let _watch = dead_man::watch(&config, link.as_ref(), &controls)?;
+    let mut rig = build(&config, link.as_ref())?;
     if config.run.dry_run {
         let joints = degrees(&rig.arm.state()?.positions);
         let margins = super::check::margins(&config, &rig.bearings.chain, &rig.course);
@@ -151,7 +154,12 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     };
     let mut recorder = Recorder::new(&config, journal, session);
     let mut insertion = Insertion::begin(&config, &mut rig)?;
-    let mut summary = insertion.carry_out(&config, &mut recorder, &controls)?;
+    let carried_out = insertion.carry_out(&config, &mut recorder, &controls);
+    if let (Err(_), None, Some(out)) = (&carried_out, recorder.last, &out) {
+        drop(recorder.journal.take());
+        out.forget();
+    }
+    let mut summary = carried_out?;
     recorder.progress.finish_and_clear();
     if let (Some(journal), Some(last)) = (&mut recorder.journal, recorder.last) {
         journal.result(last, &summary);
@@ -188,14 +196,23 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     })
 }
 
+/// Somebody who holds a switch does so on the wall clock: a simulated world keeps step with it.
+fn build(config: &Config, link: Option<&Link>) -> Result<Rig, RigBuildError> {
+    let by_hand = config.supervisor.dead_man_ms > 0.0;
+    if by_hand && link.is_none() && !config.is_real() {
+        Rig::simulated(config, Pace::Paced(WallTime::start()))
+    } else {
+        Rig::build(config, link)
+    }
+}
+
 /// Simulated time waits for the disk; a real arm does not.
 fn overflow(config: &Config) -> Overflow {
-    let real = match config.run.backend {
-        Backend::Sim => false,
-        Backend::Viper => !config.viper.emulate,
-        Backend::Ros => config.ros.clock == RosClock::Wall,
-    };
-    if real { Overflow::Drop } else { Overflow::Wait }
+    if config.is_real() {
+        Overflow::Drop
+    } else {
+        Overflow::Wait
+    }
 }
 
 /// The next free folder under `out`; nothing, with a warning, where none can be made.

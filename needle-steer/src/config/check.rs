@@ -1,6 +1,6 @@
 //! Ranges of the configuration's values.
 
-use super::{Config, Invalid, LARGEST_SEED, TargetKind};
+use super::{Config, FARTHEST_MM, Invalid, LARGEST_SEED, TargetKind};
 
 /// The value lies in `low..=high`.
 fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
@@ -63,10 +63,7 @@ impl Config {
         if self.run.seed > LARGEST_SEED {
             return Err(Invalid {
                 key: "run.seed".into(),
-                problem: format!(
-                    "expected at most {LARGEST_SEED}, found {}",
-                    self.run.seed
-                ),
+                problem: format!("expected at most {LARGEST_SEED}, found {}", self.run.seed),
             });
         }
         let target = &self.target;
@@ -171,6 +168,30 @@ impl Config {
                 key: "cameras.simulated".into(),
                 problem,
             })
+    }
+
+    /// Refuses what needs somebody, or somebody's node, beside many runs in a row.
+    ///
+    /// # Errors
+    /// The key that asks for it.
+    pub fn check_unattended(&self) -> Result<(), Invalid> {
+        let refused = |key: &str, problem: &str| {
+            Err(Invalid {
+                key: key.to_owned(),
+                problem: problem.to_owned(),
+            })
+        };
+        if self.supervisor.dead_man_ms > 0.0 {
+            let problem = "nothing can refresh the dead-man's switch of many runs; expected 0";
+            return refused("supervisor.dead_man_ms", problem);
+        }
+        if self.ros.publish {
+            return refused(
+                "ros.publish",
+                "many runs are not shown over ROS; expected false",
+            );
+        }
+        Ok(())
     }
 
     /// Limits of the laws, each by itself and against what they must agree with.
@@ -288,6 +309,7 @@ impl Config {
         within("ros.joint_states_hz", ros.joint_states_hz, 1.0, 1000.0)?;
         within("ros.poses_hz", ros.poses_hz, 0.1, ros.joint_states_hz)?;
         within("ros.markers_hz", ros.markers_hz, 0.1, ros.joint_states_hz)?;
+        within("ros.marker_sigma_mm", ros.marker_sigma_mm, 1e-3, 10.0)?;
         if ros.uri.is_empty() || ros.uri.starts_with("http://") {
             return Ok(());
         }
@@ -310,6 +332,21 @@ impl Config {
             supervisor.workspace_radius_mm,
             1000.0,
         )?;
+        let box_mm = supervisor
+            .workspace_min_mm
+            .iter()
+            .zip(&supervisor.workspace_max_mm);
+        for (&low, &high) in box_mm {
+            let key = "supervisor.workspace_min_mm";
+            within(key, low, -FARTHEST_MM, FARTHEST_MM)?;
+            within(
+                "supervisor.workspace_max_mm",
+                high,
+                -FARTHEST_MM,
+                FARTHEST_MM,
+            )?;
+            agree((key, low), ("supervisor.workspace_max_mm", high))?;
+        }
         within(
             "supervisor.image_hold_ms",
             supervisor.image_hold_ms,

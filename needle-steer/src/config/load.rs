@@ -188,7 +188,10 @@ fn apply_override(table: &mut toml::Table, argument: &str) -> Result<String, Con
     if key.is_empty() || key.split('.').any(str::is_empty) {
         return Err(malformed());
     }
-    if value.parse::<i128>().is_ok_and(|n| i64::try_from(n).is_err()) {
+    if value
+        .parse::<i128>()
+        .is_ok_and(|n| i64::try_from(n).is_err())
+    {
         return Err(ConfigError::Key {
             origin: Origin::CommandLine,
             key: key.to_owned(),

@@ -8,6 +8,7 @@ mod ros;
 
 use std::collections::BTreeMap;
 
+use hal::guarded::Workspace;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -80,9 +81,30 @@ impl Config {
         self
     }
 
+    /// Whether an arm moves that waits for nobody: a real one, or one behind ROS on the wall clock.
+    pub fn is_real(&self) -> bool {
+        match self.run.backend {
+            Backend::Sim => false,
+            Backend::Viper => !self.viper.emulate,
+            Backend::Ros => self.ros.clock == RosClock::Wall,
+        }
+    }
+
     /// Whether nothing is inserted into anything.
     pub const fn is_dry(&self) -> bool {
         self.run.dry_run || self.run.dry_run_air
+    }
+
+    /// The box that the needle's base may use, in World \[m\]; nothing where none is set.
+    pub fn workspace(&self) -> Option<Workspace> {
+        let s = &self.supervisor;
+        let everywhere = Supervisor::default();
+        let set = s.workspace_min_mm != everywhere.workspace_min_mm
+            || s.workspace_max_mm != everywhere.workspace_max_mm;
+        set.then(|| Workspace {
+            lower: (Vector3::from(s.workspace_min_mm) * 1e-3).into(),
+            upper: (Vector3::from(s.workspace_max_mm) * 1e-3).into(),
+        })
     }
 
     /// Nominal entry point in World \[m\].
@@ -293,6 +315,9 @@ impl Default for Tissue {
     }
 }
 
+/// Farthest place of anything from World's origin, along each axis \[mm\].
+pub(crate) const FARTHEST_MM: f64 = 5000.0;
+
 /// Bounds beyond which the supervisor stops the arm, whatever the law wants; all assumed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -303,6 +328,10 @@ pub struct Supervisor {
     pub entry_force_n: f64,
     /// Largest distance of the needle's base from the nominal axis through the entry \[mm\].
     pub workspace_radius_mm: f64,
+    /// Lowest coordinates in World of a box that the needle's base never leaves \[mm\].
+    pub workspace_min_mm: [f64; 3],
+    /// Highest coordinates of that box \[mm\].
+    pub workspace_max_mm: [f64; 3],
     /// Longest time without an image before the arm holds still \[ms\].
     pub image_hold_ms: f64,
     /// Longest time without an image before the run stops \[ms\].
@@ -322,6 +351,8 @@ impl Default for Supervisor {
             tissue_stretch_mm: 2.4,
             entry_force_n: 5.0,
             workspace_radius_mm: 60.0,
+            workspace_min_mm: [-FARTHEST_MM; 3],
+            workspace_max_mm: [FARTHEST_MM; 3],
             image_hold_ms: 200.0,
             image_stop_ms: 2000.0,
             image_age_ms: 550.0,

@@ -45,6 +45,8 @@ pub struct Ros {
     pub poses_hz: f64,
     /// Rate of `needle/markers` \[Hz\].
     pub markers_hz: f64,
+    /// Standard deviation of the marker's places on the topic `marker`, per axis \[mm\].
+    pub marker_sigma_mm: f64,
 }
 
 impl Default for Ros {
@@ -61,6 +63,7 @@ impl Default for Ros {
             joint_states_hz: 100.0,
             poses_hz: 50.0,
             markers_hz: 20.0,
+            marker_sigma_mm: 0.2,
         }
     }
 }

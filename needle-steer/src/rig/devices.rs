@@ -11,12 +11,12 @@ use robots::kinematics::Chain;
 use robots::sim::{SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 
-use super::{Eyes, RigBuildError};
+use super::{Eyes, MarkerEyes, RigBuildError};
 use crate::clock::{LockstepClock, PacedClock, WallClock, WallTime};
 use crate::config::{Backend, Config, PlantKind, SensorKind, ViperDialect};
 use crate::host;
 use crate::ros::Link;
-use crate::score::GroundTruth;
+use crate::score::Scoring;
 use crate::twin::TwinPlant;
 use crate::world::{Body, SimulatedWorld};
 
@@ -38,7 +38,8 @@ pub(super) struct Devices {
     pub(super) clock: Box<dyn Clock>,
     pub(super) arm: Box<dyn Arm>,
     pub(super) eyes: Eyes,
-    pub(super) world: Option<Box<dyn GroundTruth>>,
+    pub(super) marker: MarkerEyes,
+    pub(super) world: Option<Box<dyn Scoring>>,
     pub(super) simulated_arm: Option<SimulatedArm>,
 }
 
@@ -99,6 +100,7 @@ impl Place {
             } else {
                 Eyes::Shape(Box::new(world.shape_sensor()))
             },
+            marker: MarkerEyes::new(Box::new(world.marker_sensor())),
             world: Some(Box::new(world)),
             simulated_arm,
         })
@@ -130,6 +132,7 @@ impl Place {
             clock: Box::new(WallClock::since(time)),
             arm: Box::new(arm),
             eyes,
+            marker: link.marker(config)?,
             world: None,
             simulated_arm: None,
         })
@@ -141,9 +144,8 @@ impl Place {
             clock: parts.clock,
             arm: parts.arm,
             eyes: parts.eyes,
-            world: parts
-                .truth
-                .map(|truth| Box::new(truth) as Box<dyn GroundTruth>),
+            marker: link.marker(config)?,
+            world: parts.truth.map(|truth| Box::new(truth) as Box<dyn Scoring>),
             simulated_arm: None,
         })
     }

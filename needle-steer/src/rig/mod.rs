@@ -4,14 +4,17 @@ mod at_start;
 mod devices;
 mod eyes;
 mod fit;
+mod marker;
 mod start;
 mod suggest;
+mod tool;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use hal::frame::{LeftCamera, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
+use hal::telemetry::Limit;
 use hal::{Arm, ArmMode, Clock, Recorded, Transform};
 use phantom::SettingsError;
 use phantom::camera::{CameraSettings, RigError, StereoRig};
@@ -23,15 +26,18 @@ use crate::config::{Backend, Config, SensorKind};
 use crate::cycle::Bearings;
 use crate::host::HostError;
 use crate::ros::Link;
-use crate::score::GroundTruth;
+use crate::score::Scoring;
 use crate::springs::SpringsError;
 pub use at_start::NotAtStart;
 pub use devices::Pace;
 use devices::{Devices, Place, TICK};
 pub use eyes::{Eyes, Sighting};
 pub use fit::{Course, Demand, Misfit, check_chain, follow};
+pub use marker::MarkerEyes;
 pub use start::{Start, arm_place, bearings, chain, start};
 pub use suggest::{Place as Suggestion, suggest};
+pub(crate) use tool::PlacedTool;
+use tool::check_start;
 
 /// Distance that guarded joints keep from their limits \[rad\].
 const JOINT_MARGIN: f64 = 8.727e-3;
@@ -63,6 +69,19 @@ pub enum RigBuildError {
     /// The arm cannot carry out the insertion.
     #[error(transparent)]
     Misfit(#[from] Misfit),
+    /// The start lies outside of the box that the needle's base may use.
+    #[error(
+        "the needle's base would start at {position_mm:?} mm, outside of its box from {min_mm:?} to \
+         {max_mm:?} mm (supervisor.workspace_min_mm, workspace_max_mm)"
+    )]
+    OutsideWorkspace {
+        /// The start in World \[mm\].
+        position_mm: [f64; 3],
+        /// Lowest coordinates of the box \[mm\].
+        min_mm: [f64; 3],
+        /// Highest coordinates \[mm\].
+        max_mm: [f64; 3],
+    },
     /// The phantom's settings.
     #[error("phantom: {0}")]
     Phantom(#[from] SettingsError),
@@ -117,6 +136,12 @@ pub enum RigBuildError {
     /// The controller's model as the plant.
     #[error("plant: {0}")]
     Twin(#[from] SpringsError),
+    /// The target is a marker that nothing sees.
+    #[error(
+        "target.kind = \"marker\": no marker is seen; over ROS its places come on the topic `marker` \
+         (geometry_msgs/PointStamped in left_camera_optical_frame)"
+    )]
+    NoMarker,
     /// A device.
     #[error(transparent)]
     Device(#[from] hal::Error),
@@ -132,8 +157,10 @@ pub struct Rig {
     pub eyes: Eyes,
     /// Geometry as calibration and registration know it.
     pub bearings: Bearings,
-    /// The simulated world, where there is one.
-    pub world: Option<Box<dyn GroundTruth>>,
+    /// What sees the marker that the tissue carries.
+    pub marker: MarkerEyes,
+    /// The laboratory that knows the truth, where there is one: for protocol and score.
+    pub world: Option<Box<dyn Scoring>>,
     /// The simulated arm, where there is one, for faults.
     pub simulated_arm: Option<SimulatedArm>,
     /// Joints at the start pose of the configuration.
@@ -191,6 +218,7 @@ impl Rig {
             joints,
             course,
         } = start(config, &chain, &world_from_arm_base)?;
+        check_start(config, &start.translation.vector.into())?;
         let images = config.run.sensor == SensorKind::Images;
         let camera_settings = if images {
             cameras::settings(config)?
@@ -216,8 +244,8 @@ impl Rig {
         })?;
         let period = devices.arm.description().period;
         let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
-        let guard =
-            Guard::new(limiter).with_tool(Box::new(chain.clone()), None, SpeedCaps::INSERTING);
+        let tool = PlacedTool::new(&chain, world_from_arm_base.isometry());
+        let guard = Guard::new(limiter).with_tool(tool, config.workspace(), SpeedCaps::INSERTING);
         let mut rig = Self {
             clock: devices.clock,
             arm: Recorded::new(Guarded::new(devices.arm, guard)?, EVENTS),
@@ -228,6 +256,7 @@ impl Rig {
                 world_from_left_camera,
                 cameras: images.then_some(calibrated),
             },
+            marker: devices.marker,
             world: devices.world,
             simulated_arm: devices.simulated_arm,
             home: joints,
@@ -262,6 +291,11 @@ impl Rig {
             ArmMode::Enabled | ArmMode::Moving | ArmMode::Stopping => Ok(()),
             _ => self.arm.enable(),
         }
+    }
+
+    /// Whether the guard kept the newest command from leading out of the workspace box.
+    pub(crate) fn is_at_box(&self) -> bool {
+        self.arm.inner().acted().contains(&Limit::Workspace)
     }
 
     /// Waits until the arm reports; a simulated one does at once.

@@ -20,12 +20,13 @@ use rosbridge::arm::{RosArm, RosArmError, RosArmOptions};
 use rosbridge::cameras::{RosCameras, RosCamerasOptions};
 use rosbridge::laboratory::{Laboratory, RosShapes};
 use rosbridge::lockstep::Lockstep;
+use rosbridge::marker::RosMarker;
 use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
 
 use crate::clock::{WallClock, WallTime};
-use crate::config::{Backend, Config, RosClock, SensorKind};
+use crate::config::{Backend, Config, RosClock, SensorKind, TargetKind};
 use crate::controls::Controls;
-use crate::rig::{Eyes, Pace};
+use crate::rig::{Eyes, MarkerEyes, Pace};
 use crate::run::{Insertion, RunError};
 
 pub use idle::{Leave, wait};
@@ -172,6 +173,26 @@ impl Link {
             )?)),
             SensorKind::Shape => Eyes::Shape(Box::new(RosShapes::new(node)?)),
         })
+    }
+
+    /// The marker of the tissue over a topic, where the target is one.
+    pub(crate) fn marker(&self, config: &Config) -> Result<MarkerEyes, NodeError> {
+        if config.target.kind != TargetKind::Marker {
+            return Ok(MarkerEyes::default());
+        }
+        let sigma = config.ros.marker_sigma_mm * 1e-3;
+        Ok(MarkerEyes::new(Box::new(RosMarker::new(
+            &self.node, sigma,
+        )?)))
+    }
+
+    /// Lets the topic and the service `~dead_man` refresh the token of `controls`.
+    ///
+    /// # Errors
+    /// The master does not register them.
+    pub fn listen_to_dead_man(&self, controls: &Arc<Controls>) -> Result<(), NodeError> {
+        let controls = Arc::clone(controls);
+        rosbridge::dead_man::listen(&self.node, move || controls.refresh_dead_man())
     }
 
     /// The pace of a simulated world that the node shows.

@@ -8,7 +8,7 @@ use hal::telemetry::TruthReport;
 use nalgebra::Vector3;
 use rosbridge::laboratory::{Hidden, Laboratory};
 
-use crate::score::{GroundTruth, Score, TrueFigures};
+use crate::score::{GroundTruth, Score, Scoring, TrueFigures};
 
 struct Inner {
     laboratory: Laboratory,
@@ -89,7 +89,9 @@ impl GroundTruth for RemoteLaboratory {
     fn true_tip(&self) -> Vector3<f64> {
         self.lock().truth().tip
     }
+}
 
+impl Scoring for RemoteLaboratory {
     fn watch(&self, target: Vector3<f64>) {
         let mut inner = self.lock();
         inner.score = Some(Score::new(target));

@@ -43,7 +43,8 @@ impl Insertion<'_> {
     pub(super) fn place_target(&self, config: &Config) -> Position<LeftCamera> {
         let registered = self.rig.left_from_world();
         let Some(world) = &self.rig.world else {
-            return self.given_target.unwrap_or_else(|| {
+            let marker = self.rig.marker.newest().map(|seen| seen.position);
+            return marker.or(self.given_target).unwrap_or_else(|| {
                 let tip = self.cycle.telemetry().world_from_tip.origin().coords();
                 in_stereo_frame(&nominal_target(config, &tip, &self.start), &registered)
             });

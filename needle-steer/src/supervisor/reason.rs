@@ -133,6 +133,12 @@ pub enum StopReason {
         /// Age of the newest token \[s\].
         age_s: f64,
     },
+    /// The needle's base was held at the box that it may use.
+    #[error("held at the workspace box for {held_s:.1} s")]
+    WorkspaceBox {
+        /// For how long \[s\].
+        held_s: f64,
+    },
     /// A non-finite number in the state or the command.
     #[error("a non-finite number in {place}")]
     NonFinite {
@@ -148,7 +154,8 @@ impl StopReason {
             Self::ArmFault { .. }
             | Self::ArmNotEnabled { .. }
             | Self::EncoderTimeout { .. }
-            | Self::Workspace { .. } => Cause::Device,
+            | Self::Workspace { .. }
+            | Self::WorkspaceBox { .. } => Cause::Device,
             Self::ImageTimeout { .. }
             | Self::MeasurementsLate { .. }
             | Self::MeasurementsAhead { .. } => Cause::MeasurementsLate,

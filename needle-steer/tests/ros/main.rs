@@ -9,6 +9,7 @@
 
 mod back_end;
 mod dead_arm;
+mod dead_man;
 mod launch;
 mod lifecycle;
 #[path = "../../../rosbridge/tests/ros/master.rs"]

@@ -3,7 +3,6 @@
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use hal::guarded::SpeedCaps;
 use hal::telemetry::Limit;
 use hal::{Arm, ArmDescription, ArmMode, ArmState, Error, Joints, RateCommand, Stamp};
 
@@ -93,13 +92,6 @@ impl ViperArm {
         }
     }
 
-    /// The dead-man token, for whoever watches the operator.
-    pub fn dead_man(&self) -> DeadMan {
-        DeadMan {
-            shared: Arc::clone(&self.shared),
-        }
-    }
-
     fn ask<T>(&self, act: impl FnOnce(&mut Core, Stamp) -> Result<T, Refused>) -> Result<T, Error> {
         self.shared.with(act).map_err(|refused| {
             Error::with_source(self.description.name.clone(), refused.kind(), refused)
@@ -178,11 +170,6 @@ impl Monitor {
         self.shared.core().positions()
     }
 
-    /// Changes the speed caps of the tool, for instance when the needle enters the tissue.
-    pub fn set_caps(&self, caps: SpeedCaps) {
-        self.shared.core().set_caps(caps);
-    }
-
     /// Limits that slowed the last segment.
     pub fn limits_acted(&self) -> Vec<Limit> {
         self.shared.core().limits_acted().to_vec()
@@ -196,19 +183,5 @@ impl Monitor {
     /// Health of link and timing.
     pub fn metrics(&self) -> Metrics {
         self.shared.core().metrics()
-    }
-}
-
-/// The dead-man token: while [`Config::dead_man`](super::Config::dead_man) is set, the arm moves
-/// only as long as somebody holds it.
-#[derive(Clone, Debug)]
-pub struct DeadMan {
-    shared: Arc<Shared>,
-}
-
-impl DeadMan {
-    /// Refreshes the token.
-    pub fn hold(&self) {
-        self.shared.with(Core::hold_dead_man);
     }
 }

@@ -41,8 +41,6 @@ pub struct Config {
     pub timing: Timing,
     /// Which deviations to accept.
     pub tolerances: Tolerances,
-    /// Whether motion needs a dead-man token besides commands.
-    pub dead_man: bool,
     /// Seed of the jitter of reconnections.
     pub seed: u64,
 }
@@ -50,9 +48,9 @@ pub struct Config {
 /// How long to wait for what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timing {
-    /// An older command (or dead-man token) ramps to zero.
+    /// An older command ramps to zero.
     pub command_hold: Duration,
-    /// An older command (or dead-man token) faults.
+    /// An older command faults.
     pub command_fault: Duration,
     /// Older feedback stops and faults.
     pub feedback: Duration,
@@ -143,7 +141,6 @@ impl Config {
             period: Duration::from_millis(16),
             timing: Timing::default(),
             tolerances: Tolerances::default(),
-            dead_man: false,
             seed: 0,
         }
     }

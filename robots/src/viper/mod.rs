@@ -16,7 +16,7 @@ pub mod tcp;
 mod trapezoid;
 pub mod wire;
 
-pub use arm::{DeadMan, Monitor, ViperArm};
+pub use arm::{Monitor, ViperArm};
 pub use config::{Config, ConfigError, Dialect, Timing, Tolerances, viper_limits};
 pub use driver::{Fault, LinkError, Metrics, ProtocolError, Refused, ToolLimits, Unfit};
 pub use emulator::Emulator;

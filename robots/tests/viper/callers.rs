@@ -144,29 +144,6 @@ fn t09_a_billion_and_a_step_are_slowed_and_a_tiny_step_is_taken() {
 }
 
 #[test]
-fn t09_without_the_dead_man_token_nothing_moves_for_long() {
-    let mut config = Config::viper("emulated", Dialect::Steer);
-    config.dead_man = true;
-    let emulator = EmulatorConfig::viper(Dialect::Steer, Joints::from(HOME));
-    let mut bench = Bench::with(config, emulator);
-    bench.rest(20);
-    bench.arm().enable().unwrap();
-    let token = bench.arm().dead_man();
-    for _ in 0..40 {
-        token.hold();
-        bench.go(slow(), 1);
-    }
-    assert_eq!(bench.mode(), ArmMode::Moving);
-    let at = bench.truth();
-    bench.go(slow(), 9);
-    let ramped = bench.travel(&at);
-    assert!(ramped < 8.0 * SEGMENT, "{ramped}");
-    bench.try_to_go(slow(), 6);
-    assert_eq!(bench.reason(), Some(FaultReason::DeadMan));
-    bench.assert_dead();
-}
-
-#[test]
 fn t13_a_killed_driver_leaves_at_most_two_segments() {
     for dialect in BOTH {
         let mut bench = Bench::moving(dialect);

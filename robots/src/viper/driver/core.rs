@@ -48,7 +48,6 @@ pub struct Core {
     pub(super) course: Option<Course>,
     pub(super) command: Option<RateCommand>,
     pub(super) last_sequence: Option<(u64, Stamp)>,
-    pub(super) token: Option<Stamp>,
     pub(super) acted: Vec<Limit>,
     pub(super) metrics: Collector,
     deadline: Option<Stamp>,
@@ -81,7 +80,6 @@ impl Core {
             course: None,
             command: None,
             last_sequence: None,
-            token: None,
             acted: Vec::new(),
             metrics: Collector::default(),
             deadline: None,
@@ -104,11 +102,6 @@ impl Core {
         self.config.host = host;
         self.config.motion_port = motion_port;
         self.config.state_port = state_port;
-    }
-
-    /// Changes the speed caps of the tool.
-    pub fn set_caps(&mut self, caps: SpeedCaps) {
-        self.guard.set_caps(caps);
     }
 
     /// Begins anew at rest at `positions`.

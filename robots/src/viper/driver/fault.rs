@@ -151,12 +151,6 @@ pub enum Fault {
         /// Age of the last command \[s\].
         age_s: f64,
     },
-    /// The dead-man token was not refreshed.
-    #[error("dead-man token not refreshed for {age_s:.3} s while moving")]
-    DeadMan {
-        /// Age of the token \[s\].
-        age_s: f64,
-    },
     /// Feedback too old.
     #[error("no feedback for {age_s:.3} s")]
     StaleFeedback {
@@ -247,7 +241,6 @@ impl Fault {
         match self {
             Self::NonFinite => FaultReason::NonFiniteCommand,
             Self::StaleCommand { .. } => FaultReason::StaleCommand,
-            Self::DeadMan { .. } => FaultReason::DeadMan,
             Self::StaleFeedback { .. } => FaultReason::StaleFeedback,
             Self::StaleAcknowledgement { .. } => FaultReason::StaleAcknowledgement,
             Self::Tracking { .. } => FaultReason::TrackingError,

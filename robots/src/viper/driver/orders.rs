@@ -59,7 +59,6 @@ impl Core {
         self.settle_at(state.positions);
         self.command = None;
         self.last_sequence = None;
-        self.token = Some(now);
         self.mode = Mode::Enabled;
         Ok(())
     }
@@ -164,12 +163,6 @@ impl Core {
         Ok(())
     }
 
-    /// Refreshes the dead-man token.
-    pub fn hold_dead_man(&mut self, now: Stamp) {
-        let now = self.at(now);
-        self.token = Some(now);
-    }
-
     /// Brings the arm to rest, in every mode.
     ///
     /// # Errors
@@ -265,18 +258,7 @@ impl Core {
             );
             return None;
         }
-        let token = self.token.filter(|_| self.config.dead_man);
-        let token_age = token.map_or(Duration::ZERO, |token| now.since(token));
-        if token_age > timing.command_fault {
-            self.latch(
-                now,
-                Fault::DeadMan {
-                    age_s: token_age.as_secs_f64(),
-                },
-            );
-            return None;
-        }
-        if age.max(token_age) > timing.command_hold {
+        if age > timing.command_hold {
             wanted = wanted.zeroed();
         }
         Some(wanted)
