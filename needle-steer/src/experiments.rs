@@ -326,7 +326,8 @@ pub fn reproduce<E: Send + From<SettingsError>>(
     let kinds = (cells.len() as u64).max(1);
     let planned = plan.len();
     let (next, stop) = (AtomicU64::new(0), AtomicBool::new(false));
-    let done: Mutex<(Vec<(u64, RunFigures)>, Vec<(u64, E)>)> = Mutex::default();
+    let done: Mutex<Vec<(u64, RunFigures)>> = Mutex::default();
+    let errors: Mutex<Vec<(u64, E)>> = Mutex::default();
     let work = || {
         while !stop.load(Ordering::Relaxed) {
             let index = next.fetch_add(1, Ordering::Relaxed);
@@ -351,11 +352,12 @@ pub fn reproduce<E: Send + From<SettingsError>>(
                         figures: RunFigures::from(&summary),
                     };
                     finished(&run);
-                    done.0.push((index, run.figures));
+                    done.push((index, run.figures));
                 }
                 Err(error) => {
-                    done.1.push((index, error));
-                    if done.0.is_empty() {
+                    let mut errors = errors.lock().unwrap_or_else(PoisonError::into_inner);
+                    errors.push((index, error));
+                    if done.is_empty() {
                         stop.store(true, Ordering::Relaxed);
                     }
                 }
@@ -367,7 +369,8 @@ pub fn reproduce<E: Send + From<SettingsError>>(
             scope.spawn(work);
         }
     });
-    let (mut runs, errors) = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut runs = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let errors = errors.into_inner().unwrap_or_else(PoisonError::into_inner);
     runs.sort_by_key(|(index, _)| *index);
     let of_cell = |(k, (experiment, column)): (u64, (Experiment, Column))| {
         let law = if experiment.controlled && column != Column::Null {

@@ -98,7 +98,7 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
         if let Some(lines) = &lines {
             // A full disk ends nothing: all of it is written again at the end, or printed.
             let _ = keep(
-                &mut *lines.lock().unwrap_or_else(PoisonError::into_inner),
+                &mut lines.lock().unwrap_or_else(PoisonError::into_inner),
                 run,
             );
         }

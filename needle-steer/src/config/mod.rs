@@ -98,9 +98,8 @@ impl Config {
     /// The box that the needle's base may use, in World \[m\]; nothing where none is set.
     pub fn workspace(&self) -> Option<Workspace> {
         let s = &self.supervisor;
-        let everywhere = Supervisor::default();
-        let set = s.workspace_min_mm != everywhere.workspace_min_mm
-            || s.workspace_max_mm != everywhere.workspace_max_mm;
+        let mut corners = s.workspace_min_mm.iter().chain(&s.workspace_max_mm);
+        let set = corners.any(|x| x.abs() < FARTHEST_MM);
         set.then(|| Workspace {
             lower: (Vector3::from(s.workspace_min_mm) * 1e-3).into(),
             upper: (Vector3::from(s.workspace_max_mm) * 1e-3).into(),
