@@ -84,7 +84,7 @@ fn product(text: &str) -> String {
             let line = line.trim_start();
             !line.starts_with("//") && !line.starts_with("use ") && !line.starts_with("pub use ")
         })
-        .map(|line| format!("{line}\n"))
+        .flat_map(|line| [line, "\n"])
         .collect()
 }
 
