@@ -22,13 +22,13 @@ fn short_insertion() -> Config {
 }
 
 /// Keeps every step, and refreshes the dead-man's token where that is `held`.
-struct Steps<'a, F> {
+struct Script<'a, F> {
     controls: &'a Controls,
     held: F,
     steps: Vec<Telemetry>,
 }
 
-impl<F: FnMut(&Telemetry) -> bool> Observer for Steps<'_, F> {
+impl<F: FnMut(&Telemetry) -> bool> Observer for Script<'_, F> {
     fn step(&mut self, telemetry: &Telemetry) {
         if (self.held)(telemetry) {
             self.controls.refresh_dead_man();
@@ -41,7 +41,7 @@ fn insert(config: &Config, held: impl FnMut(&Telemetry) -> bool) -> (Summary, Ve
     let controls = Controls::default();
     // What was given before a run is no sign of life.
     controls.refresh_dead_man();
-    let mut steps = Steps {
+    let mut steps = Script {
         controls: &controls,
         held,
         steps: Vec::new(),
