@@ -19,6 +19,12 @@ pub enum Wish {
     Retract,
 }
 
+/// Codes of what is asked for; from [`RETRACT`] on it is a withdrawal.
+const PROCEED: u8 = 0;
+const PAUSE: u8 = 1;
+const RETRACT: u8 = 2;
+const RETRACT_PAUSED: u8 = 3;
+
 /// Shared between the run and whoever controls it; every method may be called from any thread.
 #[derive(Debug, Default)]
 pub struct Controls {
@@ -43,7 +49,7 @@ impl Controls {
     /// Forgets a stop and a wish of the run that has ended.
     pub fn renew(&self) {
         self.stopped.store(false, Ordering::Release);
-        self.ask(Wish::Proceed);
+        self.wish.store(PROCEED, Ordering::Release);
     }
 
     /// Gives another target, in the stereo frame.
@@ -77,23 +83,34 @@ impl Controls {
         self.interrupted.load(Ordering::Acquire)
     }
 
-    /// Asks for something else.
+    /// Asks for something else. A withdrawal once asked for may be paused, and goes on when it is
+    /// asked for again; it never goes over into steering.
     pub fn ask(&self, wish: Wish) {
-        let code = match wish {
-            Wish::Proceed => 0,
-            Wish::Pause => 1,
-            Wish::Retract => 2,
+        let change = |before| match wish {
+            Wish::Retract => Some(RETRACT),
+            Wish::Pause if before >= RETRACT => Some(RETRACT_PAUSED),
+            Wish::Proceed if before >= RETRACT => None,
+            Wish::Pause => Some(PAUSE),
+            Wish::Proceed => Some(PROCEED),
         };
-        self.wish.store(code, Ordering::Release);
+        // An error says that nothing was changed.
+        let _ = self
+            .wish
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, change);
     }
 
     /// What is asked for.
     pub fn wish(&self) -> Wish {
         match self.wish.load(Ordering::Acquire) {
-            0 => Wish::Proceed,
-            2 => Wish::Retract,
-            _ => Wish::Pause,
+            PROCEED => Wish::Proceed,
+            PAUSE => Wish::Pause,
+            _ => Wish::Retract,
         }
+    }
+
+    /// Whether the arm is to hold still, inserting or withdrawing.
+    pub fn is_holding(&self) -> bool {
+        matches!(self.wish.load(Ordering::Acquire), PAUSE | RETRACT_PAUSED)
     }
 
     /// Refreshes the dead-man's token: any call counts.

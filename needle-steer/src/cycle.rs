@@ -6,7 +6,7 @@
 mod measurement;
 
 use hal::frame::LeftCamera;
-use hal::telemetry::{Phase, SteeringMode, Telemetry, Tracking};
+use hal::telemetry::{Phase, Telemetry, Tracking};
 use hal::{
     ArmState, Position, SensedMarker, SensedShape, SensedTip, Stamp, StereoFrame, Transform,
 };
@@ -28,7 +28,6 @@ use crate::roll::{joint_rates, roll_travel};
 use crate::sight::Sight;
 use crate::springs::{self, SpringsError, SpringsModel};
 use crate::tissue::{Tissue, narrow};
-use crate::withdrawal::Withdrawal;
 
 /// Poses kept: more than a second at any arm's rate.
 const ODOMETRY: usize = 256;
@@ -81,7 +80,6 @@ pub struct Cycle {
     insertion_speed: f64,
     entry: Entry,
     odometry: Odometry,
-    withdrawal: Withdrawal,
     estimator: Estimator,
     tissue: Tissue,
     /// Tissue now; nothing where it does not move.
@@ -90,7 +88,6 @@ pub struct Cycle {
     straight: Box<dyn Law>,
     law: Box<dyn Law>,
     target: Option<Position<LeftCamera>>,
-    withdrawn: bool,
     shaft: Vec<(Point3<f64>, f64)>,
     sight: Option<Sight>,
     plausibility: Plausibility,
@@ -130,7 +127,6 @@ impl Cycle {
             insertion_speed: config.run.insertion_speed_mm_s * 1e-3,
             entry,
             odometry: Odometry::new(ODOMETRY),
-            withdrawal: Withdrawal::default(),
             estimator,
             tissue: Tissue::of(config, &entry),
             field: None,
@@ -138,7 +134,6 @@ impl Cycle {
             straight: law_by_name("none", &config.law)?,
             law: law_by_name(&config.run.law, &config.law)?,
             target: None,
-            withdrawn: false,
             shaft: Vec::with_capacity(128),
             sight: Sight::of(config, &bearings)?,
             plausibility: Plausibility::new(config.needle.length_mm * 1e-3),
@@ -247,9 +242,6 @@ impl Cycle {
         self.field = self.tissue.field_to_follow(snapshot.now);
         let at_rest = self.field.map_or(*base, |field| field.pose_to_rest(base));
         narrow(&mut self.limits_at_rest, &self.limits, base, &at_rest);
-        if matches!(snapshot.phase, Phase::PreInsertion | Phase::Steering) {
-            self.withdrawal.note(&at_rest);
-        }
         at_rest
     }
 
@@ -350,34 +342,13 @@ impl Cycle {
             Phase::PreInsertion => self.straight.decide(&view),
             Phase::Steering if self.tissue.is_learning() => Decision::hold(),
             Phase::Steering => self.law.decide(&view),
-            Phase::Retracting => self.retract(base),
             _ => Decision::hold(),
         }
     }
 
-    /// Back along the way the base came; holds at its start.
-    fn retract(&mut self, base: &Isometry3<f64>) -> Decision {
-        let spin = self.limits.spin_speed_deg_s.to_radians();
-        let mut decision = Decision::hold();
-        match self.withdrawal.twist(base, self.insertion_speed, spin) {
-            Some(twist) => {
-                decision.twist = twist;
-                decision.report.mode = SteeringMode::Straight;
-            }
-            None => self.withdrawn = true,
-        }
-        decision
-    }
-
-    /// Whether a retraction has arrived where the insertion began.
-    pub const fn is_withdrawn(&self) -> bool {
-        self.withdrawn
-    }
-
-    /// Prepares the law for steering again after a pause or a retraction.
+    /// Prepares the law for steering again after a pause.
     pub fn resume(&mut self) {
         self.law.reset();
-        self.withdrawn = false;
     }
 
     #[expect(clippy::too_many_arguments, reason = "one for each stage of the step")]

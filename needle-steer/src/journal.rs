@@ -47,15 +47,45 @@ impl Journal {
         bearings: &Bearings,
         overflow: Overflow,
     ) -> anyhow::Result<Self> {
+        Self::labelled(file, place, config, bearings, overflow, None)
+    }
+
+    /// A new log of a withdrawal at `place`; `insertion` is the log of the insertion before it.
+    ///
+    /// # Errors
+    /// As [`Journal::create`].
+    pub fn of_withdrawal(
+        place: &Path,
+        config: &Config,
+        bearings: &Bearings,
+        insertion: Option<&Path>,
+    ) -> anyhow::Result<Self> {
+        let name = insertion.map_or_else(String::new, |log| log.display().to_string());
+        let file = File::create(place).with_context(|| place.display().to_string())?;
+        Self::labelled(file, place, config, bearings, Overflow::Drop, Some(name))
+    }
+
+    fn labelled(
+        file: File,
+        place: &Path,
+        config: &Config,
+        bearings: &Bearings,
+        overflow: Overflow,
+        withdrawal_of: Option<String>,
+    ) -> anyhow::Result<Self> {
         let label = |key: &str, value: &str| (key.to_owned(), value.to_owned());
+        let withdrawal_of = withdrawal_of.map(|name| (WITHDRAWAL_OF.to_owned(), name));
         let info = RunInfo {
             config: toml::to_string(config)?,
             seed: config.run.seed,
             versions: BTreeMap::from([label("needle-steer", crate::VERSION)]),
-            labels: BTreeMap::from([
+            labels: [
                 label("law", &config.run.law),
                 label("phantom", &config.run.phantom),
-            ]),
+            ]
+            .into_iter()
+            .chain(withdrawal_of)
+            .collect(),
             joint_names: bearings.chain.names().to_vec(),
             world_from_left_camera: bearings.world_from_left_camera,
         };
@@ -87,15 +117,23 @@ impl Journal {
 
     /// How the run ended, as a note and as the document `summary.json`.
     pub fn result(&mut self, stamp: Stamp, summary: &Summary) {
-        let level = if summary.ended.is_success() {
-            Level::Info
-        } else {
-            Level::Error
-        };
+        let success = summary.ended.is_success();
+        self.conclude(stamp, success, &summary.ended.to_string(), summary);
+    }
+
+    /// As [`Journal::result`], for any verdict and its figures.
+    pub fn conclude(
+        &mut self,
+        stamp: Stamp,
+        success: bool,
+        verdict: &str,
+        summary: &impl serde::Serialize,
+    ) {
+        let level = if success { Level::Info } else { Level::Error };
         self.write(Record::Note {
             stamp,
             level,
-            text: summary.ended.to_string(),
+            text: verdict.to_owned(),
         });
         if let Ok(text) = serde_json::to_string(summary) {
             self.write(Record::Document {
@@ -121,6 +159,8 @@ impl Journal {
     }
 }
 
+/// Label of a withdrawal's log: the log of the insertion before it, empty where there is none.
+pub const WITHDRAWAL_OF: &str = "withdrawal of";
 /// Name of the document that holds the calibration of the cameras.
 pub const CALIBRATION: &str = "calibration.json";
 /// One pair of images in so many seconds is kept: to look at, not to track again.

@@ -8,6 +8,7 @@ use hal::telemetry::{Telemetry, TruthEvent, TruthReport};
 use crate::config::Config;
 use crate::score::TrueFigures;
 use crate::supervisor::StopReason;
+use crate::withdrawal;
 
 /// Why a run did not pass its target: a closed list, each with its test on the truth in
 /// docs/HAZARDS.md.
@@ -71,8 +72,12 @@ pub enum Ended {
     },
     /// The supervisor stopped the run.
     Stopped(StopReason),
+    /// A device failed: which one, and why.
+    Device(String),
     /// The needle was withdrawn to its start on request.
     Retracted,
+    /// It was to be withdrawn, and is not at its start.
+    NotRetracted(withdrawal::Verdict),
     /// The user stopped the run.
     Interrupted,
     /// The longest duration passed; what kept the needle most.
@@ -95,7 +100,23 @@ impl Ended {
             Self::Unreachable(_) => Some(Cause::OutOfReach),
             Self::NoProgress { cause, .. } | Self::TimedOut(cause) => Some(*cause),
             Self::Stopped(reason) => Some(reason.cause()),
-            Self::Retracted | Self::Interrupted => Some(Cause::Operator),
+            Self::Device(_) => Some(Cause::Device),
+            Self::Retracted | Self::NotRetracted(_) | Self::Interrupted => Some(Cause::Operator),
+        }
+    }
+
+    /// The verdict of a run whose device failed.
+    pub fn device(error: &hal::Error) -> Self {
+        Self::Device(withdrawal::told(error))
+    }
+}
+
+impl From<withdrawal::Verdict> for Ended {
+    fn from(verdict: withdrawal::Verdict) -> Self {
+        match verdict {
+            withdrawal::Verdict::Retracted | withdrawal::Verdict::AtStart => Self::Retracted,
+            withdrawal::Verdict::Interrupted => Self::Interrupted,
+            verdict => Self::NotRetracted(verdict),
         }
     }
 }
@@ -112,7 +133,9 @@ impl std::fmt::Display for Ended {
                 write!(f, "no progress for {for_s:.0} s: {cause}")
             }
             Self::Stopped(reason) => write!(f, "stopped: {reason}"),
+            Self::Device(error) => write!(f, "stopped: device failed: {error}"),
             Self::Retracted => f.write_str("retracted"),
+            Self::NotRetracted(verdict) => verdict.fmt(f),
             Self::Interrupted => f.write_str("interrupted"),
             Self::TimedOut(Cause::Operator) => f.write_str("timed out"),
             Self::TimedOut(cause) => write!(f, "timed out: {cause}"),

@@ -189,6 +189,7 @@ struct Tape<'a> {
     info: &'a RunInfo,
     player: Option<Player>,
     inputs: Inputs,
+    withdraws: bool,
 }
 
 impl<'a> Tape<'a> {
@@ -198,6 +199,7 @@ impl<'a> Tape<'a> {
             info,
             player: None,
             inputs: Inputs::default(),
+            withdraws: false,
         }
     }
 
@@ -214,6 +216,10 @@ impl<'a> Tape<'a> {
                 self.inputs.arm = Some(state);
             }
             Record::Shape(shape) => self.inputs.shape = Some(shape),
+            // A withdrawal has no law, and no law follows it.
+            Record::Step(recorded) if self.withdraws || recorded.phase == Phase::Retracting => {
+                self.withdraws = true;
+            }
             Record::Step(recorded) => {
                 let inputs = std::mem::take(&mut self.inputs);
                 let (Some(player), Some(arm)) = (&mut self.player, inputs.arm) else {
@@ -315,6 +321,5 @@ fn by_wish(before: Phase, after: Phase) -> bool {
 
 /// Whether an interrupted insertion goes on.
 fn resumes(before: Phase, after: Phase) -> bool {
-    matches!(before, Phase::Paused | Phase::Retracting)
-        && matches!(after, Phase::PreInsertion | Phase::Steering)
+    before == Phase::Paused && matches!(after, Phase::PreInsertion | Phase::Steering)
 }

@@ -3,6 +3,7 @@
 mod target;
 mod verdict;
 
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use hal::telemetry::{Phase, Telemetry};
@@ -21,6 +22,7 @@ use crate::progress::Progress;
 use crate::rig::{Rig, RigBuildError, Sighting};
 use crate::sight::Sight;
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
+use crate::withdrawal::{self, BasePath};
 use hybrid_control::view::Law;
 use hybrid_control::{ReachMonitor, Unreachable};
 
@@ -30,8 +32,6 @@ pub const PREDICTION: f64 = 0.05;
 const PRE_INSERTION: f64 = 5e-3;
 /// Straight insertion beyond the start by which the needle must have come into sight \[m\].
 const IN_SIGHT: f64 = 8e-3;
-/// Longest wait for the arm to come to rest.
-const REST: Duration = Duration::from_secs(1);
 /// Shortfall of reach that does not end a run \[m\].
 const REACH_TOLERANCE: f64 = 1e-3;
 
@@ -114,6 +114,10 @@ pub struct Insertion<'a> {
     given_target: Option<Position<hal::frame::LeftCamera>>,
     rates: Joints,
     last_law: Option<Stamp>,
+    /// The path that the base came.
+    pub path: BasePath,
+    /// Folder of the results, where withdrawals are logged too.
+    pub folder: Option<PathBuf>,
 }
 
 impl core::fmt::Debug for Insertion<'_> {
@@ -157,25 +161,28 @@ impl<'a> Insertion<'a> {
         self.rig.check_start(&self.first)?;
         self.attach_marker(config);
         self.rig.await_marker(config)?;
-        self.rig.enable()?;
         let ended = self.conduct(config, observer, controls)?;
+        let ended = match ended {
+            Ended::Retracted => self.withdraw(config, observer, controls).ended.into(),
+            ended => ended,
+        };
         Ok(self.summary(config, ended))
     }
 
-    /// Withdraws the needle after an insertion has ended, along the way it came.
-    ///
-    /// # Errors
-    /// As [`Insertion::carry_out`].
+    /// Withdraws the needle along the way it came. No insertion goes on after that.
     pub fn withdraw(
         &mut self,
         config: &Config,
         observer: &mut dyn Observer,
         controls: &Controls,
-    ) -> Result<Ended, RunError> {
-        self.supervisor = Supervisor::new(Bounds::of(config), self.rig.clock.now());
-        controls.ask(Wish::Retract);
-        self.rig.enable()?;
-        self.conduct(config, observer, controls)
+    ) -> withdrawal::Summary {
+        let record = self.folder.as_ref().map(|folder| {
+            let log = folder.join("run.mcap");
+            withdrawal::Record::beside(folder, config, &self.rig.bearings, Some(&log))
+        });
+        let request = withdrawal::Request::of_run(&mut self.path, self.cycle.telemetry().step);
+        let record = record.unwrap_or_default();
+        withdrawal::withdraw(config, self.rig, request, observer, controls, record)
     }
 
     /// The newest telemetry.
@@ -210,20 +217,27 @@ impl<'a> Insertion<'a> {
             given_target: (config.target.kind == TargetKind::Stereo).then(|| stereo_target(config)),
             rates: state.positions.zeroed(),
             last_law: None,
+            path: BasePath::default(),
+            folder: None,
             rig,
         }
     }
 
-    /// Goes on to the end, and stops the arm whatever the end is.
+    /// Goes on to the end, and stops the arm whatever the end is. A device that fails is an end.
     fn conduct(
         &mut self,
         config: &Config,
         observer: &mut dyn Observer,
         controls: &Controls,
     ) -> Result<Ended, RunError> {
-        let ended = self.advance(config, observer, controls);
-        let stopped = self.come_to_rest();
-        ended.and_then(|ended| stopped.map(|()| ended))
+        let ended = match self.advance(config, observer, controls) {
+            Err(RunError::Device(error)) => Ended::device(&error),
+            ended => ended?,
+        };
+        Ok(match self.rig.come_to_rest() {
+            Err(error) if ended.is_success() => Ended::device(&error),
+            _ => ended,
+        })
     }
 
     fn advance(
@@ -232,6 +246,8 @@ impl<'a> Insertion<'a> {
         observer: &mut dyn Observer,
         controls: &Controls,
     ) -> Result<Ended, RunError> {
+        self.path.note(&self.start, &self.first.positions);
+        self.rig.enable()?;
         let period = self.rig.arm.description().period;
         let longest = Duration::from_secs_f64(config.run.max_duration_s);
         let begun = self.rig.clock.now();
@@ -246,9 +262,13 @@ impl<'a> Insertion<'a> {
                 return Ok(Ended::TimedOut(cause.unwrap_or(Cause::Operator)));
             }
             let state = self.rig.arm.state()?;
+            let base = base_pose(&self.rig.bearings, &state);
+            self.path.note(&base, &state.positions);
             observer.arm(&state);
-            self.monitor
-                .base(state.stamp, &base_pose(&self.rig.bearings, &state));
+            self.monitor.base(state.stamp, &base);
+            if controls.wish() == Wish::Retract {
+                return Ok(Ended::Retracted);
+            }
             if let Some(target) = controls.take_target() {
                 self.aim(target);
             }
@@ -381,18 +401,17 @@ impl<'a> Insertion<'a> {
         self.cycle.sight().and_then(Sight::shape)
     }
 
-    /// Pauses, retracts or resumes as the user asks.
+    /// Pauses or resumes as the user asks.
     fn follow(&mut self, wish: Wish) {
         let wanted = match wish {
-            Wish::Proceed if matches!(self.phase, Phase::Paused | Phase::Retracting) => {
+            Wish::Proceed if self.phase == Phase::Paused => {
                 self.cycle.resume();
                 self.progress.reset();
                 self.monitor.begin_anew();
                 self.before_pause
             }
-            Wish::Proceed => self.phase,
+            Wish::Proceed | Wish::Retract => self.phase,
             Wish::Pause => Phase::Paused,
-            Wish::Retract => Phase::Retracting,
         };
         if wanted == self.phase {
             return;
@@ -428,22 +447,5 @@ impl<'a> Insertion<'a> {
         }
         self.phase = Phase::Steering;
         self.steering_since = Some(now);
-    }
-
-    /// Stops and waits until the arm is at rest.
-    fn come_to_rest(&mut self) -> Result<(), RunError> {
-        let stopped = self.rig.arm.stop();
-        let patience = self.rig.clock.now() + REST;
-        let period = self.rig.arm.description().period;
-        while self.rig.clock.now() < patience {
-            match self.rig.arm.state().map(|state| state.mode) {
-                Ok(ArmMode::Moving | ArmMode::Stopping) => {
-                    let next = self.rig.clock.now() + period;
-                    self.rig.clock.wait_until(next);
-                }
-                _ => break,
-            }
-        }
-        Ok(stopped?)
     }
 }

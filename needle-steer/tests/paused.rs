@@ -1,4 +1,4 @@
-//! The log of a run that was paused, taken back and resumed replays as it was.
+//! The log of a run that was paused, resumed and taken back replays as it was.
 
 use std::path::Path;
 
@@ -7,6 +7,7 @@ use hal::{ArmState, RateCommand, SensedShape};
 use needle_steer::config;
 use needle_steer::controls::{Controls, Wish};
 use needle_steer::journal::Journal;
+use needle_steer::outcome::Ended;
 use needle_steer::replay::replay;
 use needle_steer::rig::Rig;
 use needle_steer::run::{Observer, run};
@@ -31,8 +32,9 @@ impl Observer for Restless<'_> {
         match telemetry.step {
             // Still in the straight start, then twice while steering.
             40 | 300 => self.controls.ask(Wish::Pause),
-            500 => self.controls.ask(Wish::Retract),
-            60 | 340 | 560 => self.controls.ask(Wish::Proceed),
+            700 => self.controls.ask(Wish::Retract),
+            // A withdrawal goes on whatever is asked for.
+            60 | 340 | 760 => self.controls.ask(Wish::Proceed),
             _ => {}
         }
     }
@@ -61,7 +63,8 @@ fn pauses_and_retractions_replay_bit_by_bit() {
             journal: Journal::create(&file, &config, &rig.bearings).unwrap(),
             controls: &controls,
         };
-        run(&config, &mut rig, &mut restless, &controls).unwrap();
+        let summary = run(&config, &mut rig, &mut restless, &controls).unwrap();
+        assert_eq!(summary.ended, Ended::Retracted);
         restless.journal.finish().unwrap();
         let report = replay(&file, &[]).unwrap();
         assert!(report.steps > 600, "{report:?}");

@@ -15,3 +15,4 @@ mod supervision;
 mod tidy;
 mod tracking;
 mod viper_contract;
+mod withdrawal;

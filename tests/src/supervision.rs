@@ -124,24 +124,25 @@ fn a_retraction_leads_back_to_the_start() {
 }
 
 #[test]
-fn steering_resumes_after_a_partial_retraction() {
+fn a_withdrawal_is_paused_and_goes_on_but_never_into_steering() {
     let config = short_insertion();
     let mut rig = Rig::new(&config).unwrap();
     let (summary, steps) = insert(&config, &mut rig, |controls, t| match t.step {
-        500 => controls.ask(Wish::Retract),
-        650 => controls.ask(Wish::Proceed),
+        500 | 700 => controls.ask(Wish::Retract),
+        // Steps of a withdrawal come with every period of the arm.
+        600 => controls.ask(Wish::Pause),
+        620 | 800 => controls.ask(Wish::Proceed),
         _ => {}
     });
-    assert_eq!(summary.ended, Ended::TargetPassed);
-    let retracting = steps
-        .iter()
-        .filter(|t| t.phase == Phase::Retracting)
-        .count();
-    assert!(retracting > 100, "{retracting}");
-    // Without a retraction the same insertion ends at the same miss: the hole is kept.
-    let (plain, _) = insert(&config, &mut Rig::new(&config).unwrap(), |_, _| {});
-    let difference = summary.true_error_mm.unwrap() - plain.true_error_mm.unwrap();
-    assert!(difference.abs() < 0.1, "differs by {difference} mm");
+    assert_eq!(summary.ended, Ended::Retracted);
+    let mut after = steps.iter().skip(500);
+    let paused: Vec<_> = steps.iter().filter(|t| t.phase == Phase::Paused).collect();
+    assert_eq!(paused.len(), 100, "a start does not end the pause");
+    let moved = (base(paused[paused.len() - 1]) - base(paused[10])).norm();
+    assert!(moved < 5e-6, "moved {moved} m while paused");
+    assert!(after.all(|t| matches!(t.phase, Phase::Retracting | Phase::Paused)));
+    let (first, last) = (&steps[0], &steps[steps.len() - 1]);
+    assert!((base(last) - base(first)).norm() < 0.3e-3);
 }
 
 #[test]

@@ -17,6 +17,8 @@ mod reproduce;
 mod results;
 mod run;
 mod track;
+mod way_out;
+mod withdraw;
 
 use std::io::Write;
 use std::path::Path;
@@ -38,6 +40,8 @@ struct Cli {
 enum Command {
     /// One insertion to a target.
     Run(run::RunArgs),
+    /// The needle out of the tissue, after an insertion that was stopped.
+    Withdraw(withdraw::WithdrawArgs),
     /// The paper's four experiments over seeds: Table I beside the paper's values.
     Reproduce(reproduce::ReproduceArgs),
     /// Monte-Carlo over laws, phantoms, targets and seeds, resumable and in shards.
@@ -183,6 +187,7 @@ fn excerpt(error: &config::ConfigError) -> Option<String> {
 fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Command::Run(args) => return run::execute(&args),
+        Command::Withdraw(args) => return withdraw::execute(&args),
         Command::Reproduce(args) => return reproduce::execute(&args),
         Command::Campaign(args) => return campaign::execute(&args),
         Command::Replay(args) => return replay::execute(&args),

@@ -16,12 +16,13 @@ use vision::track::Tracked;
 use super::dead_man;
 use super::print_json;
 use super::results::{RunFolder, save};
+use super::way_out::with_way_out;
 use crate::clock::WallTime;
 use crate::config::{self, Config, LARGEST_SEED};
 use crate::controls::Controls;
 use crate::host::degrees;
 use crate::journal::Journal;
-use crate::outcome::Summary;
+use crate::outcome::{Ended, Summary};
 use crate::plot::write_run_plot;
 use crate::rig::{Pace, Rig, RigBuildError};
 use crate::ros::{self, Leave, Link, Session};
@@ -118,7 +119,8 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         link.end_with_node(&controls);
     }
     let _watch = dead_man::watch(&config, link.as_ref(), &controls)?;
-    let mut rig = build(&config, link.as_ref())?;
+    let mut rig =
+        build(&config, link.as_ref()).map_err(|error| with_way_out(error, args.out.as_deref()))?;
     if config.run.dry_run {
         let joints = degrees(&rig.arm.state()?.positions);
         let margins = super::check::margins(&config, &rig.bearings.chain, &rig.course);
@@ -154,6 +156,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     };
     let mut recorder = Recorder::new(&config, journal, session);
     let mut insertion = Insertion::begin(&config, &mut rig)?;
+    insertion.folder = out.as_ref().map(|out| out.path().to_owned());
     let carried_out = insertion.carry_out(&config, &mut recorder, &controls);
     if let (Err(_), None, Some(out)) = (&carried_out, recorder.last, &out) {
         drop(recorder.journal.take());
@@ -392,6 +395,9 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
     )?;
     if let Some(folder) = &summary.out {
         writeln!(out, "  results         {folder}")?;
+    }
+    if let (Some(log), false) = (&summary.log, summary.ended == Ended::Retracted) {
+        writeln!(out, "  way out         needle-steer withdraw {log}")?;
     }
     Ok(())
 }

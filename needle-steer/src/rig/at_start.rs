@@ -29,6 +29,8 @@ pub struct NotAtStart {
     pub expected_deg: f64,
     /// All joints of the start \[deg\].
     pub start_deg: String,
+    /// Where all joints stand \[rad\].
+    pub found: Joints,
 }
 
 impl NotAtStart {
@@ -53,6 +55,7 @@ impl NotAtStart {
             found_deg: found[joint].to_degrees(),
             expected_deg: start[joint].to_degrees(),
             start_deg: degrees(start),
+            found: *found,
         }))
     }
 }

@@ -138,6 +138,23 @@ impl Place {
         })
     }
 
+    /// The controller at the configured host, wherever its arm stands.
+    pub(super) fn arm_only(
+        &self,
+        config: &Config,
+        time: WallTime,
+    ) -> Result<Devices, RigBuildError> {
+        let (arm, _) = host::connect(config, &self.chain, None, time)?;
+        Ok(Devices {
+            clock: Box::new(WallClock::since(time)),
+            arm: Box::new(arm),
+            eyes: Eyes::none(),
+            marker: MarkerEyes::default(),
+            world: None,
+            simulated_arm: None,
+        })
+    }
+
     pub(super) fn over_ros(&self, config: &Config, link: &Link) -> Result<Devices, RigBuildError> {
         let parts = link.devices(config, &self.chain)?;
         Ok(Devices {

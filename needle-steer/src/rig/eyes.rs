@@ -54,7 +54,21 @@ impl Sighting {
     }
 }
 
+/// Sees nothing.
+struct Nobody;
+
+impl ShapeSensor for Nobody {
+    fn poll(&mut self) -> Result<Option<SensedShape>, hal::Error> {
+        Ok(None)
+    }
+}
+
 impl Eyes {
+    /// Where nobody looks at the needle.
+    pub fn none() -> Self {
+        Self::Shape(Box::new(Nobody))
+    }
+
     /// The newest sight.
     ///
     /// # Errors

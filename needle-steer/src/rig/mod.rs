@@ -22,6 +22,7 @@ use robots::sim::{SimError, SimulatedArm};
 use robots::viper;
 
 use crate::cameras;
+use crate::clock::WallTime;
 use crate::config::{Backend, Config, SensorKind};
 use crate::cycle::Bearings;
 use crate::host::HostError;
@@ -43,6 +44,8 @@ use tool::check_start;
 const JOINT_MARGIN: f64 = 8.727e-3;
 /// Longest wait for an arm's first report.
 const CONNECT: Duration = Duration::from_secs(2);
+/// Longest wait for an arm to come to rest.
+const REST: Duration = Duration::from_secs(1);
 /// Events kept for the fault report.
 const EVENTS: usize = 256;
 
@@ -147,6 +150,15 @@ pub enum RigBuildError {
     Device(#[from] hal::Error),
 }
 
+/// The same configuration where nobody looks at the needle: cameras and their files count no more.
+pub fn blind(config: &Config) -> Config {
+    let mut config = config.clone();
+    config.run.sensor = SensorKind::Shape;
+    config.cameras.calibration.clear();
+    config.cameras.registration.clear();
+    config
+}
+
 /// The devices of one run.
 pub struct Rig {
     /// The run's clock.
@@ -195,6 +207,23 @@ impl Rig {
             (_, link) => {
                 let pace = link.map_or(Pace::Free, Link::pace);
                 Self::simulated(config, pace)
+            }
+        }
+    }
+
+    /// Builds the arm that `config` asks for, a real one at its controller or one over ROS, and
+    /// nothing that sees the needle. It may stand anywhere.
+    ///
+    /// # Errors
+    /// See [`RigBuildError`].
+    pub fn arm_only(config: &Config, link: Option<&Link>) -> Result<Self, RigBuildError> {
+        let config = &blind(config);
+        match (config.run.backend, link) {
+            (Backend::Ros, Some(link)) => Self::assemble(config, |lab| lab.over_ros(config, link)),
+            (Backend::Ros, None) => Err(RigBuildError::NoNode),
+            (Backend::Viper | Backend::Sim, link) => {
+                let time = link.map_or_else(WallTime::start, Link::time);
+                Self::assemble(config, |lab| lab.arm_only(config, time))
             }
         }
     }
@@ -282,6 +311,11 @@ impl Rig {
         Ok(())
     }
 
+    /// Counts on from a command that was given before.
+    pub const fn advance_sequence(&mut self, sequence: u64) {
+        self.sequence = sequence;
+    }
+
     /// Enables the arm, unless motion by hand has left it so.
     ///
     /// # Errors
@@ -296,6 +330,26 @@ impl Rig {
     /// Whether the guard kept the newest command from leading out of the workspace box.
     pub(crate) fn is_at_box(&self) -> bool {
         self.arm.inner().acted().contains(&Limit::Workspace)
+    }
+
+    /// Stops the arm and waits until it is at rest.
+    ///
+    /// # Errors
+    /// The stop could not be delivered.
+    pub fn come_to_rest(&mut self) -> Result<(), hal::Error> {
+        let stopped = self.arm.stop();
+        let patience = self.clock.now() + REST;
+        let period = self.arm.description().period;
+        while self.clock.now() < patience {
+            match self.arm.state().map(|state| state.mode) {
+                Ok(ArmMode::Moving | ArmMode::Stopping) => {
+                    let next = self.clock.now() + period;
+                    self.clock.wait_until(next);
+                }
+                _ => break,
+            }
+        }
+        stopped
     }
 
     /// Waits until the arm reports; a simulated one does at once.

@@ -1,6 +1,7 @@
 //! A node without an insertion under way: it waits for a start, or for what may follow a run. The
 //! arm may be moved by hand and home, as long as the needle is outside the tissue.
 
+use std::io::Write;
 use std::time::Duration;
 
 use hal::{Arm, ArmMode, ArmState, Joints, RateCommand, Twist};
@@ -15,6 +16,7 @@ use crate::controls::Controls;
 use crate::cycle::{Bearings, Cycle};
 use crate::rig::Rig;
 use crate::run::RunError;
+use crate::withdrawal::{BasePath, Place, Verdict, WENT_ON, make_ready};
 
 /// Depth of the tip that still counts as outside \[m\].
 const OUTSIDE: f64 = 0.5e-3;
@@ -22,6 +24,8 @@ const OUTSIDE: f64 = 0.5e-3;
 const AHEAD: f64 = 0.1;
 /// Speed of the fastest joint on the way home \[rad/s\].
 const HOMING: f64 = 0.1;
+/// Longest wait for an arm that is to withdraw: who asked waits for an answer.
+const ANSWER: Duration = Duration::from_millis(700);
 /// Places at which the way home is looked at.
 const LOOKS: u32 = 100;
 
@@ -37,10 +41,17 @@ pub enum Leave {
 }
 
 /// Whether an insertion is to come or has been.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stage {
+#[derive(Debug)]
+enum Stage<'a> {
     Before,
-    After,
+    /// Along this path of the base.
+    After(&'a mut BasePath),
+}
+
+impl Stage<'_> {
+    const fn is_before(&self) -> bool {
+        matches!(self, Self::Before)
+    }
 }
 
 /// Waits for a start, before the insertion.
@@ -66,8 +77,9 @@ pub(super) fn linger(
     rig: &mut Rig,
     session: &mut Session,
     controls: &Controls,
+    path: &mut BasePath,
 ) -> Result<Leave, RunError> {
-    idle(config, rig, session, controls, Stage::After)
+    idle(config, rig, session, controls, Stage::After(path))
 }
 
 fn idle(
@@ -75,14 +87,14 @@ fn idle(
     rig: &mut Rig,
     session: &mut Session,
     controls: &Controls,
-    stage: Stage,
+    mut stage: Stage<'_>,
 ) -> Result<Leave, RunError> {
     let period = rig.arm.description().period;
     let to_rates = to_rates(&rig.bearings, RateSettings::default());
     let mut by_hand = false;
     loop {
         if controls.is_interrupted() {
-            stop(rig, by_hand)?;
+            stop(rig, by_hand);
             return Ok(Leave::Quit);
         }
         let now = rig.clock.now();
@@ -92,9 +104,9 @@ fn idle(
             session.show_arm(state);
         }
         while let Some(request) = session.bridge.poll() {
-            let place = (stage, state.as_ref());
+            let place = (&mut stage, state.as_ref());
             if let Some(leave) = obey(request, config, rig, session, controls, place) {
-                stop(rig, by_hand)?;
+                stop(rig, by_hand);
                 return Ok(leave);
             }
         }
@@ -109,12 +121,9 @@ fn idle(
         match rates {
             Some((rates, mode)) => by_hand = drive(rig, mode, rates),
             None if by_hand => {
-                // A dead arm is no reason to end the node: it may come back.
-                if let Err(error) = rig.arm.stop() {
-                    session.note(&error);
-                }
+                stop(rig, by_hand);
                 by_hand = false;
-                if stage == Stage::Before {
+                if stage.is_before() {
                     show(config, rig, session)?;
                 }
             }
@@ -143,11 +152,13 @@ fn show(config: &Config, rig: &mut Rig, session: &mut Session) -> Result<(), Run
     Ok(())
 }
 
-fn stop(rig: &mut Rig, moving: bool) -> Result<(), RunError> {
-    if moving {
-        rig.arm.stop()?;
+/// Stops motion by hand. An arm that does not take the stop comes to rest by itself, and the node
+/// stays for what may still be asked of it.
+fn stop(rig: &mut Rig, moving: bool) {
+    if moving && let Err(error) = rig.arm.stop() {
+        // Nothing can be done about a closed stderr.
+        let _ = writeln!(std::io::stderr(), "{error}");
     }
-    Ok(())
 }
 
 /// One command by hand; whether it was taken.
@@ -170,25 +181,34 @@ fn obey(
     rig: &mut Rig,
     session: &mut Session,
     controls: &Controls,
-    (stage, state): (Stage, Option<&ArmState>),
+    (stage, state): (&mut Stage<'_>, Option<&ArmState>),
 ) -> Option<Leave> {
     match request.command {
         Command::Start | Command::Retract | Command::Home if !session.allowed => {
             request.refuse("motion is not enabled");
         }
-        Command::Start if stage == Stage::Before => match readiness::prepare(config, rig) {
+        Command::Start if stage.is_before() => match readiness::prepare(config, rig) {
             Ok(()) => {
                 request.accept("starting");
                 return Some(Leave::Start);
             }
             Err(reason) => request.refuse(reason),
         },
-        Command::Start => request.refuse("the insertion has ended; launch another"),
-        Command::Retract if stage == Stage::After => {
-            request.accept("withdrawing the needle");
-            return Some(Leave::Retract);
-        }
-        Command::Retract => request.refuse("nothing is inserted"),
+        Command::Start => request.refuse(
+            "the insertion has ended and is not resumed: ~retract withdraws the needle; \
+             launch another",
+        ),
+        Command::Retract => match stage {
+            Stage::Before => request.refuse("nothing is inserted"),
+            Stage::After(path) => match make_ready(rig, path, WENT_ON, ANSWER) {
+                Ok(Place::AtStart) => request.accept(Verdict::AtStart.to_string()),
+                Ok(Place::On { .. }) => {
+                    request.accept("withdrawing the needle");
+                    return Some(Leave::Retract);
+                }
+                Err(refusal) => request.refuse(refusal.to_string()),
+            },
+        },
         Command::Pause => request.refuse("no insertion is under way"),
         Command::Stop => {
             session.hand.drop_all();
@@ -219,7 +239,7 @@ fn obey(
             }
             request.accept(if allowed { "enabled" } else { "not enabled" });
         }
-        Command::Target(target) if stage == Stage::Before => {
+        Command::Target(target) if stage.is_before() => {
             controls.aim(target);
             request.accept("aiming there");
         }

@@ -25,7 +25,7 @@ use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
 
 use crate::clock::{WallClock, WallTime};
 use crate::config::{Backend, Config, RosClock, SensorKind, TargetKind};
-use crate::controls::Controls;
+use crate::controls::{Controls, Wish};
 use crate::rig::{Eyes, MarkerEyes, Pace};
 use crate::run::{Insertion, RunError};
 
@@ -48,16 +48,16 @@ pub fn stay(
     session: &mut Session,
     controls: &Controls,
 ) -> Result<(), RunError> {
-    while idle::linger(config, insertion.rig, session, controls)? != Leave::Quit {
-        controls.renew();
-        match insertion.withdraw(config, session, controls) {
-            Ok(ended) => session.show_end(&ended),
-            // An arm that faults may be cleared, and the needle then be withdrawn.
-            Err(RunError::Device(error)) => session.note(&error),
-            Err(error) => return Err(error),
+    loop {
+        let (rig, path) = (&mut *insertion.rig, &mut insertion.path);
+        if idle::linger(config, rig, session, controls, path)? == Leave::Quit {
+            return Ok(());
         }
+        controls.renew();
+        controls.ask(Wish::Retract);
+        let summary = insertion.withdraw(config, session, controls);
+        session.show_withdrawn(&summary.ended);
     }
-    Ok(())
 }
 
 /// Starts the program anew where the configuration names another master than the environment,

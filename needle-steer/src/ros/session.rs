@@ -23,6 +23,7 @@ use crate::controls::{Controls, Wish};
 use crate::outcome::Ended;
 use crate::rig::Rig;
 use crate::run::Observer;
+use crate::withdrawal::Verdict;
 
 /// Pieces of a curve that is drawn.
 const CURVE_POINTS: u32 = 40;
@@ -113,22 +114,25 @@ impl Session {
         if let Some(last) = &self.shown {
             let mut last = (**last).clone();
             last.phase = match ended {
-                Ended::Stopped(_) => Phase::Faulted,
+                Ended::Stopped(_) | Ended::Device(_) | Ended::NotRetracted(_) => Phase::Faulted,
                 _ => Phase::Ended,
             };
             self.show(&last);
         }
     }
 
-    /// Shows that the arm failed.
-    pub(super) fn note(&mut self, error: &hal::Error) {
+    /// Shows how a withdrawal ended.
+    pub(super) fn show_withdrawn(&mut self, verdict: &Verdict) {
         if let Some(last) = &self.shown {
             let mut last = (**last).clone();
-            last.phase = Phase::Faulted;
+            last.phase = match verdict {
+                Verdict::Stopped(_) => Phase::Faulted,
+                _ => Phase::Ended,
+            };
             self.show(&last);
         }
         // Nothing can be done about a closed stderr.
-        let _ = writeln!(std::io::stderr(), "{error}");
+        let _ = writeln!(std::io::stderr(), "{verdict}");
     }
 
     /// Answers what is asked of a running insertion.
@@ -144,13 +148,16 @@ impl Session {
             return request.refuse("motion is not enabled");
         }
         match request.command {
+            Command::Start if self.controls.wish() == Wish::Retract => {
+                request.refuse("the needle is being withdrawn; ~retract goes on with that");
+            }
             Command::Start => {
                 self.controls.ask(Wish::Proceed);
                 request.accept("going on");
             }
             Command::Stop => {
                 self.controls.stop();
-                request.accept("stopping; the insertion ends");
+                request.accept("stopping; what is under way ends, ~retract withdraws the needle");
             }
             Command::Pause => {
                 self.controls.ask(Wish::Pause);
@@ -163,11 +170,14 @@ impl Session {
             Command::Enable(allowed) => {
                 self.allowed = allowed;
                 if allowed {
-                    request.accept("enabled; ~start goes on");
+                    request.accept("enabled; ~start goes on, or ~retract with a withdrawal");
                 } else {
                     self.controls.ask(Wish::Pause);
                     request.accept("holding still, not enabled");
                 }
+            }
+            Command::Target(_) if self.controls.wish() == Wish::Retract => {
+                request.refuse("the needle is being withdrawn");
             }
             Command::Target(target) => {
                 self.controls.aim(target);

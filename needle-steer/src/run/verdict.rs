@@ -42,9 +42,6 @@ impl Insertion<'_> {
     }
 
     pub(super) fn verdict(&mut self, now: Stamp) -> Option<Ended> {
-        if self.phase == Phase::Retracting && self.cycle.is_withdrawn() {
-            return Some(Ended::Retracted);
-        }
         if self.phase != Phase::Steering {
             return None;
         }

@@ -17,6 +17,7 @@ mod master;
 mod picture;
 mod services;
 mod velocity_arm;
+mod withdraw;
 
 use std::process::{Child, Command, Stdio};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
