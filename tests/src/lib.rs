@@ -2,6 +2,7 @@
 #![cfg(test)]
 
 mod arm_contract;
+mod arms;
 mod arrows;
 mod calibration_truth;
 mod equations;

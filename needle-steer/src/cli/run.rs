@@ -19,7 +19,7 @@ use crate::host::degrees;
 use crate::journal::Journal;
 use crate::outcome::Summary;
 use crate::plot::write_run_plot;
-use crate::rig::Rig;
+use crate::rig::{self, Rig};
 use crate::ros::{self, Leave, Link, Session};
 use crate::run::{Insertion, Observer};
 use crate::series::{Row, Series, write_csv};
@@ -116,6 +116,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         link.end_with_node(&controls);
     }
     let mut rig = Rig::build(&config, link.as_ref())?;
+    if let Some(note) = rig::assumed_speeds(&config) {
+        writeln!(std::io::stderr(), "{note}")?;
+    }
     if config.run.dry_run {
         let joints = degrees(&rig.arm.state()?.positions);
         let margins = super::check::margins(&config, &rig.bearings.chain, &rig.course);

@@ -30,7 +30,7 @@ pub use devices::Pace;
 use devices::{Devices, Place, TICK};
 pub use eyes::{Eyes, Sighting};
 pub use fit::{Course, Demand, Misfit, check_chain, follow};
-pub use start::{Start, arm_place, bearings, chain, start};
+pub use start::{Start, arm_place, assumed_speeds, bearings, chain, start};
 pub use suggest::{Place as Suggestion, suggest};
 
 /// Distance that guarded joints keep from their limits \[rad\].
