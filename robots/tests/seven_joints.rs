@@ -114,7 +114,9 @@ fn any_twist_is_realised_and_spare_joints_drift_to_their_middles() {
                     drift[i] * (0.5 * (limit.lower + limit.upper) - q[i])
                 })
                 .sum();
-            assert!(drift.max_abs() < 0.021, "{drift:?}");
+            // The last joint keeps the needle from turning meanwhile.
+            let fastest = drift[..6].iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+            assert!(fastest < 0.021, "{drift:?}");
             nearer += usize::from(towards > 0.0);
         }
         assert!(realised > 30, "{realised}");
