@@ -46,7 +46,7 @@ fn poses_that_seven_joints_reach_are_solved() {
             let q = random(&chain, &mut rng, 0.98);
             let pose = chain.forward(&q);
             let solutions = chain.inverse(&pose, Turns::One);
-            assert!(!solutions.is_empty(), "{:?}", q);
+            assert!(!solutions.is_empty(), "{q:?}");
             for solution in solutions {
                 let apart = chain.forward(&solution).to_homogeneous() - pose.to_homogeneous();
                 assert!(chain.within_limits(&solution) && apart.norm() < 1e-9);
