@@ -32,6 +32,10 @@ const MODEL_STOP: Duration = Duration::from_secs(2);
 const FIRST_TOKEN: Duration = Duration::from_secs(30);
 /// How long the guard may hold the base at its box before the run ends.
 const AT_BOX: Duration = Duration::from_secs(2);
+/// Speed across the needle over that which laws and guard keep, beyond which a base swings.
+const OVER_SPEED: f64 = 1.5;
+/// Time over which the base's speed is taken \[s\]: long against the encoders' steps.
+const SPEED_OVER: f64 = 0.1;
 
 /// Bounds in SI units.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +48,8 @@ pub struct Bounds {
     pub axis: (Point3<f64>, Unit<Vector3<f64>>),
     /// Largest distance of the needle's base from the nominal axis \[m\].
     pub workspace_radius: f64,
+    /// Highest speed of the needle's base across the nominal axis \[m/s\].
+    pub base_speed: f64,
     /// Without an image for longer: hold still.
     pub image_hold: Duration,
     /// Without an image for longer: stop the run.
@@ -66,6 +72,7 @@ impl Bounds {
             entry_force: s.entry_force_n,
             axis: (config.entry(), config.inward()),
             workspace_radius: s.workspace_radius_mm * 1e-3,
+            base_speed: OVER_SPEED * config.limits.lateral_speed_mm_s * 1e-3,
             image_hold: ms(s.image_hold_ms),
             image_stop: ms(s.image_stop_ms),
             image_age: ms(s.image_age_ms),
@@ -122,6 +129,8 @@ pub struct Supervisor {
     held: bool,
     /// Since when, and until when, the guard has kept the base in its box.
     at_box: Option<(Stamp, Stamp)>,
+    /// Place of the base across its axis, and when it was there.
+    base: Option<(Stamp, Vector3<f64>)>,
     latched: Option<StopReason>,
 }
 
@@ -139,6 +148,7 @@ impl Supervisor {
             dead_man: None,
             held: false,
             at_box: None,
+            base: None,
             latched: None,
         }
     }
@@ -188,8 +198,10 @@ impl Supervisor {
         let loaded = evidence.model.is_none() && self.overload(telemetry, evidence).is_some();
         self.overloaded = loaded.then(|| self.overloaded.unwrap_or(now));
         if self.latched.is_none() {
+            let swing = self.swing(telemetry);
             self.latched = self
                 .device(now, arm, telemetry)
+                .and(swing)
                 .and_then(|()| {
                     if evidence.withdrawing {
                         return Ok(());
@@ -364,6 +376,31 @@ impl Supervisor {
             value_n: t.model.entry_force,
             bound_n: bounds.entry_force,
         })
+    }
+}
+
+impl Supervisor {
+    /// Stops a base that moves across its axis faster than anything may command, as joints that
+    /// do not keep in step can make it.
+    fn swing(&mut self, t: &Telemetry) -> Result<(), StopReason> {
+        let axis = self.bounds.axis.1;
+        let place = t.world_from_base.origin().coords();
+        let across = place - axis.scale(place.dot(&axis));
+        let (since, from) = *self.base.get_or_insert((t.stamp, across));
+        let time = t.stamp.secs_since(since);
+        if time < SPEED_OVER {
+            return Ok(());
+        }
+        self.base = Some((t.stamp, across));
+        let speed_m_s = (across - from).norm() / time;
+        let bound_m_s = self.bounds.base_speed;
+        if exceeds(speed_m_s, bound_m_s) {
+            return Err(StopReason::BaseSpeed {
+                speed_m_s,
+                bound_m_s,
+            });
+        }
+        Ok(())
     }
 }
 

@@ -371,3 +371,97 @@ fn the_last_joint_knows_its_sense_and_the_tip_off_its_axis() {
     let spin = tip("0 0 0", "0 0 0");
     assert!((spin.tilt - quarter).abs() < 1e-12, "{spin:?}");
 }
+
+/// Names of joints in other alphabets, tags cut in half, numbers that are none: whatever was
+/// done to a file, the answer is a chain or a message.
+#[test]
+fn a_thousand_damaged_files_are_answered_with_a_chain_or_a_message() {
+    let plain = [
+        arm("revolute", LIMIT),
+        on_a_rail(),
+        coupled("<mimic joint=\"j3\"/>"),
+        robots::arms::VIPER_S650.to_owned(),
+    ];
+    let words = [
+        "",
+        "<",
+        ">",
+        "\"",
+        "&",
+        "&#0;",
+        "nan",
+        "-inf",
+        "1e999",
+        "\u{0}",
+        "é",
+        "<!--",
+        "]]>",
+        "<?",
+        "</robot>",
+        "<joint>",
+        "xacro:",
+        "${x}",
+        "type=\"planar\"",
+        "name=\"j1\"",
+        "link=\"tip\"",
+        "1 2",
+        "--1",
+        "<link name=\"tip\"/>",
+        "0",
+        "base",
+    ];
+    let mut chance = 7_u64;
+    let mut draw = |below: usize| {
+        chance = chance
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        usize::try_from(chance >> 33).unwrap() % below
+    };
+    let (mut read, mut refused) = (0, 0);
+    for k in 0..1000 {
+        let mut bytes = plain[k % plain.len()].clone().into_bytes();
+        for _ in 0..=draw(3) {
+            let (at, length) = (draw(bytes.len()), draw(30));
+            let end = (at + length).min(bytes.len());
+            let word = words[draw(words.len())].bytes();
+            match draw(4) {
+                0 => bytes.truncate(at.max(1)),
+                1 => bytes[at] = u8::try_from(draw(256)).unwrap(),
+                2 => drop(bytes.splice(at..end, word)),
+                _ => {
+                    let copied = bytes[at..end].to_vec();
+                    let to = draw(bytes.len());
+                    drop(bytes.splice(to..to, copied));
+                }
+            }
+        }
+        let tip = if k % plain.len() == 3 {
+            "needle_base"
+        } else {
+            "tip"
+        };
+        for section in [
+            Section::arm(tip),
+            Section::mechanism(tip),
+            Section::arm(tip).from("base"),
+        ] {
+            match Chain::from_section(&bytes, &section) {
+                Ok(chain) => {
+                    let pose = chain.forward(&Joints::zeros(chain.len()).unwrap());
+                    assert!(pose.translation.vector.iter().all(|x| !x.is_nan()));
+                    read += 1;
+                }
+                Err(error) => {
+                    let message = error.in_file(Path::new("dir/arm.urdf"));
+                    assert!(
+                        message.starts_with("dir/arm.urdf: ") && message.len() > 30,
+                        "{message}"
+                    );
+                    refused += 1;
+                }
+            }
+        }
+        let _ = robots::kinematics::arm_sections(&bytes);
+    }
+    assert!(read > 50 && refused > 500, "{read} read, {refused} refused");
+}

@@ -2,6 +2,7 @@
 #![cfg(test)]
 
 mod arm_contract;
+mod arms;
 mod arrows;
 mod bounds;
 mod calibration_truth;

@@ -24,7 +24,7 @@ use crate::host::degrees;
 use crate::journal::Journal;
 use crate::outcome::{Ended, Summary};
 use crate::plot::write_run_plot;
-use crate::rig::{Pace, Rig, RigBuildError};
+use crate::rig::{self, Pace, Rig, RigBuildError};
 use crate::ros::{self, Leave, Link, Session};
 use crate::run::{Insertion, Observer};
 use crate::series::{Row, Series, write_csv};
@@ -121,6 +121,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let _watch = dead_man::watch(&config, link.as_ref(), &controls)?;
     let mut rig =
         build(&config, link.as_ref()).map_err(|error| with_way_out(error, args.out.as_deref()))?;
+    if let Some(note) = rig::assumed_speeds(&config) {
+        writeln!(std::io::stderr(), "{note}")?;
+    }
     if config.run.dry_run {
         let joints = degrees(&rig.arm.state()?.positions);
         let margins = super::check::margins(&config, &rig.bearings.chain, &rig.course);

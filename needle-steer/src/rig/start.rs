@@ -20,6 +20,31 @@ use crate::roll;
 /// # Errors
 /// The URDF file cannot be read or gives no chain.
 pub fn chain(config: &Config) -> Result<Chain, RigBuildError> {
+    let chain = as_in_file(config)?;
+    let speed = config.arm.joint_speed_deg_s.to_radians();
+    Ok(if speed > 0.0 {
+        chain.with_speed(speed)
+    } else {
+        chain
+    })
+}
+
+/// Which joints move at a speed that the configuration gives, because their URDF does not; a line
+/// for the user.
+pub fn assumed_speeds(config: &Config) -> Option<String> {
+    let chain = as_in_file(config).ok()?;
+    let joints: Vec<&str> = chain.without_speed().collect();
+    let speed = config.arm.joint_speed_deg_s;
+    (!joints.is_empty() && speed > 0.0).then(|| {
+        format!(
+            "arm.joint_speed_deg_s: {speed} deg/s for {}, whose speed the URDF does not give",
+            joints.join(", ")
+        )
+    })
+}
+
+/// The chain with the limits of its file.
+fn as_in_file(config: &Config) -> Result<Chain, RigBuildError> {
     let arm = &config.arm;
     let link = if arm.tip_link.is_empty() {
         arms::NEEDLE_BASE
@@ -48,15 +73,9 @@ pub fn chain(config: &Config) -> Result<Chain, RigBuildError> {
         Chain::from_section(&bytes, &section)
             .map_err(|error| RigBuildError::Urdf(error.in_file(&file)))?
     };
-    let chain = match tool(config) {
+    Ok(match tool(config) {
         Some(tip_from_tool) => chain.with_tool(&tip_from_tool),
         None => chain,
-    };
-    let speed = arm.joint_speed_deg_s.to_radians();
-    Ok(if speed > 0.0 {
-        chain.with_speed(speed)
-    } else {
-        chain
     })
 }
 

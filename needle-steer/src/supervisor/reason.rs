@@ -127,6 +127,14 @@ pub enum StopReason {
         /// The bound \[m\].
         bound_m: f64,
     },
+    /// The needle's base swings, whatever it was sent.
+    #[error("needle base moves across its axis at {speed_m_s:.4} m/s, bound {bound_m_s:.4} m/s")]
+    BaseSpeed {
+        /// Its speed by the encoders \[m/s\].
+        speed_m_s: f64,
+        /// The bound \[m/s\].
+        bound_m_s: f64,
+    },
     /// The dead-man's switch was let go.
     #[error("dead-man's switch released for {age_s:.3} s")]
     DeadMan {
@@ -154,6 +162,7 @@ impl StopReason {
             Self::ArmFault { .. }
             | Self::ArmNotEnabled { .. }
             | Self::EncoderTimeout { .. }
+            | Self::BaseSpeed { .. }
             | Self::Workspace { .. }
             | Self::WorkspaceBox { .. } => Cause::Device,
             Self::ImageTimeout { .. }

@@ -10,6 +10,7 @@ fn bounds() -> Bounds {
         entry_force: 5.0,
         axis: (Point3::origin(), -Vector3::z_axis()),
         workspace_radius: 0.06,
+        base_speed: 0.012,
         image_hold: Duration::from_millis(200),
         image_stop: Duration::from_secs(2),
         image_age: Duration::from_millis(550),
@@ -97,6 +98,29 @@ fn bounds_are_kept_and_latched() {
             Some(reason.to_string())
         );
     }
+}
+
+#[test]
+fn a_base_that_swings_is_stopped() {
+    let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
+    let mut at = |seconds: f64, x: f64, z: f64| {
+        let stamp = Stamp::from_secs(seconds);
+        let arm = ArmState { stamp, ..state() };
+        let mut t = telemetry();
+        t.stamp = stamp;
+        t.world_from_base = Transform::assume(Isometry3::translation(x, 0.0, z));
+        supervisor.image(stamp, None);
+        supervisor.judge(stamp, &arm, &t, &Evidence::default())
+    };
+    // Along its axis as fast as it likes, across within the bound; single readings do not count.
+    assert_eq!(at(0.0, 0.0, 0.1), Verdict::Go);
+    assert_eq!(at(0.15, 0.0016, 0.0), Verdict::Go);
+    assert_eq!(at(0.16, 0.0030, 0.0), Verdict::Go);
+    assert_eq!(at(0.3, 0.0032, 0.0), Verdict::Go);
+    let Verdict::Stop(reason) = at(0.42, 0.0052, 0.0) else {
+        panic!("16 mm/s pass")
+    };
+    assert!(reason.to_string().contains("0.0167 m/s"), "{reason}");
 }
 
 #[test]

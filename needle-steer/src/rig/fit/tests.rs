@@ -64,7 +64,7 @@ fn an_arm_that_cannot_insert_is_refused_with_the_reason() {
     );
     let short = refusal(&arm("1 0 0", 2.5, 3.0), &[]);
     assert!(short.contains("j6") && short.contains("286.5"), "{short}");
-    let far = refusal(&good, &["arm.base_mm=[-260.0,0.0,0.0]"]);
+    let far = refusal(&good, &["arm.base_mm=[-390.0,0.0,0.0]"]);
     assert!(far.contains("deep") && far.contains("--suggest"), "{far}");
     let tilt = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 5_f64.to_radians());
     let askew = good.clone().with_tool(&Isometry3::from_parts(
