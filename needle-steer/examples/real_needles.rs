@@ -41,7 +41,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         let Some(condition) = condition(&trial) else {
             continue;
         };
-        if only.as_ref().is_some_and(|only| *only != condition) {
+        // The older sets are many pairs: by name only.
+        let wanted = match &only {
+            Some(only) => *only == condition,
+            None => condition.starts_with("exp"),
+        };
+        if !wanted {
             continue;
         }
         let name = folder.join(format!("{trial}.csv"));

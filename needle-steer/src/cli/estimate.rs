@@ -91,11 +91,6 @@ fn write_config(out: &Path, config: &Config, of: (usize, usize)) -> anyhow::Resu
     save(out, |file| Ok(file.write_all(text.as_bytes())?))
 }
 
-<<<<<<< HEAD
-fn print_text(found: &Identified) -> std::io::Result<()> {
-=======
-fn print_text(found: &Identified) -> std::io::Result<()> {
-=======
 fn print_tip(found: &TipIdentified) -> std::io::Result<()> {
     let mut to = std::io::stdout().lock();
     let stiffness = found.stiffness_n_m2.as_ref().map(|k| Interval {
@@ -133,15 +128,10 @@ fn print_tip(found: &TipIdentified) -> std::io::Result<()> {
     writeln!(
         to,
         "from {recordings} insertions, {measurements} measurements"
-    )?;
-    if let Some(out) = out {
-        writeln!(to, "configuration: {}", out.display())?;
-    }
-    Ok(())
+    )
 }
 
-fn print_text(found: &Identified, out: Option<&PathBuf>) -> std::io::Result<()> {
->>>>>>> 56e0ab2 (Real needles: identification from a tip sensor and a moved guide, validate)
+fn print_text(found: &Identified) -> std::io::Result<()> {
     let mut to = std::io::stdout().lock();
     let rows: [(&str, &Parameter, usize); 4] = [
         ("stiffness K_T [N/m2]", &found.stiffness_n_m2, 0),

@@ -401,3 +401,6 @@ impl<'a> Fit<'a> {
         (normal, gradient)
     }
 }
+
+#[cfg(test)]
+mod tests;
