@@ -37,6 +37,8 @@ const IDENTIFIED: f64 = 0.3;
 /// Half width of a 95 % interval in standard deviations.
 const NORMAL: f64 = 1.96;
 const ITERATIONS: usize = 25;
+/// Stiffness that the laws' estimator takes \[N/m2\]; a thick needle's wave length may say more.
+const STIFFNESS: (f64, f64) = (5e2, 3e5);
 /// Steps of the numerical derivatives: of ln(wave length), of the distances \[m\].
 const DELTA: [f64; 3] = [0.03, 0.5e-3, 0.5e-3];
 
@@ -192,7 +194,7 @@ impl TipIdentified {
         let mut config = base.clone();
         if let (Some(wave_length), Some(stiffness)) = (&self.wave_length_mm, &self.stiffness_n_m2) {
             config.estimator.wave_length_mm = wave_length.value;
-            config.estimator.stiffness_n_m2 = stiffness.value;
+            config.estimator.stiffness_n_m2 = stiffness.value.clamp(STIFFNESS.0, STIFFNESS.1);
             config.estimator.stiffness_sigma = stiffness.log_sigma;
         }
         if let Some(gap) = self.guide_gap_mm

@@ -110,6 +110,8 @@ fn wave_length_gap_and_drift_are_found_and_predict_other_insertions() {
             .any(|n| n.starts_with("natural_curvature"))
     );
     let mine = found.apply(&config());
+    // The stiffness of a thick needle is beyond what the laws take: the configuration is valid still.
+    assert_eq!(mine.validate(), Ok(()));
     let score = validate(&all[2..], &mine).unwrap();
     assert!(score.axis.r2 > 0.9, "{:?}", score.axis);
     assert!((0.9..1.1).contains(&score.axis.slope), "{:?}", score.axis);
