@@ -29,6 +29,7 @@ const GAP: f64 = 30e-3;
 fn config() -> Config {
     let mut config = Config::default();
     config.needle.length_mm = 200.0;
+    config.needle.outer_diameter_mm = 1.5;
     config.needle.guide_gap_sigma_mm = 8.0;
     config.tissue.entry_mm = [0.0, 0.0, 0.0];
     config
