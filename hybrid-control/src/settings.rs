@@ -56,6 +56,9 @@ pub struct EstimatorSettings {
     pub stiffness_n_m2: f64,
     /// Its prior standard deviation, of the logarithm.
     pub stiffness_sigma: f64,
+    /// Wave length (4 EI/K_T)^(1/4) of the needle in the tissue \[mm\], the prior of `estimate`
+    /// for recordings of a tip sensor; 0: by the stiffness.
+    pub wave_length_mm: f64,
     /// Axial load in the predictive model \[N\] (assumed).
     pub axial_load_n: f64,
     /// Prior of the bevel's cut angle \[deg\] (assumed).
@@ -98,6 +101,7 @@ impl Default for EstimatorSettings {
         Self {
             stiffness_n_m2: 2e4,
             stiffness_sigma: 0.6,
+            wave_length_mm: 0.0,
             axial_load_n: 0.4,
             cut_angle_deg: 1.5,
             cut_angle_sigma: 0.4,

@@ -9,7 +9,9 @@ use clap::Args;
 use super::results::{check_free, save};
 use super::{Usage, print_json};
 use crate::config::{self, Config};
-use crate::identify::{Identified, Parameter, Recording, identify};
+use crate::identify::{
+    Identified, Interval, Parameter, Recording, TipIdentified, identify, identify_tip, is_for_tip,
+};
 
 /// Stiffness, tip load and natural curvature of one's own needle from recorded insertions.
 #[derive(Debug, Args)]
@@ -41,6 +43,23 @@ pub(super) fn execute(args: &EstimateArgs) -> anyhow::Result<ExitCode> {
                 .map_err(|e| Usage(format!("{:#}", anyhow::Error::from(e))))
         })
         .collect::<Result<_, _>>()?;
+    if is_for_tip(&recordings) {
+        let found = identify_tip(&recordings).map_err(|e| Usage(e.to_string()))?;
+        let printed = if args.json {
+            print_json(&found)
+        } else {
+            print_tip(&found).map_err(anyhow::Error::from)
+        };
+        if let Some(out) = &args.out {
+            let head = (found.recordings, found.measurements);
+            write_config(out, &found.apply(&given), head)?;
+            if !args.json {
+                writeln!(std::io::stdout(), "configuration: {}", out.display())?;
+            }
+        }
+        printed?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let found = identify(&recordings).map_err(|e| Usage(e.to_string()))?;
     let printed = if args.json {
         print_json(&found)
@@ -52,7 +71,8 @@ pub(super) fn execute(args: &EstimateArgs) -> anyhow::Result<ExitCode> {
             (None, Some(first)) => &first.config,
             _ => &given,
         };
-        write_config(out, &found.apply(base), &found)?;
+        let head = (found.recordings, found.measurements);
+        write_config(out, &found.apply(base), head)?;
         if !args.json {
             writeln!(std::io::stdout(), "configuration: {}", out.display())?;
         }
@@ -61,14 +81,54 @@ pub(super) fn execute(args: &EstimateArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn write_config(out: &Path, config: &Config, found: &Identified) -> anyhow::Result<()> {
+fn write_config(out: &Path, config: &Config, of: (usize, usize)) -> anyhow::Result<()> {
     let text = format!(
         "# Identified from {} insertions, {} measurements.\n{}",
-        found.recordings,
-        found.measurements,
+        of.0,
+        of.1,
         toml::to_string(config)?
     );
     save(out, |file| Ok(file.write_all(text.as_bytes())?))
+}
+
+fn print_tip(found: &TipIdentified) -> std::io::Result<()> {
+    let mut to = std::io::stdout().lock();
+    let stiffness = found.stiffness_n_m2.as_ref().map(|k| Interval {
+        value: k.value,
+        low: k.low,
+        high: k.high,
+    });
+    let rows: [(&str, Option<Interval>, usize); 4] = [
+        ("wave length [mm]", found.wave_length_mm, 1),
+        ("stiffness K_T [N/m2]", stiffness, 0),
+        ("guide to tissue [mm]", found.guide_gap_mm, 1),
+        ("sensor behind tip [mm]", Some(found.sensor_setback_mm), 1),
+    ];
+    for (name, value, digits) in rows {
+        match value {
+            Some(v) => writeln!(
+                to,
+                "{name:<24} {:>9.digits$}   95 %: {:.digits$} to {:.digits$}",
+                v.value, v.low, v.high
+            )?,
+            None => writeln!(to, "{name:<24}         -")?,
+        }
+    }
+    for reason in &found.not_identified {
+        writeln!(to, "NOT IDENTIFIED: {reason}")?;
+    }
+    for part in &found.left_out {
+        writeln!(
+            to,
+            "left out: {}, {} rows from row {}: {}",
+            part.file, part.rows, part.from_row, part.reason
+        )?;
+    }
+    let (recordings, measurements) = (found.recordings, found.measurements);
+    writeln!(
+        to,
+        "from {recordings} insertions, {measurements} measurements"
+    )
 }
 
 fn print_text(found: &Identified) -> std::io::Result<()> {

@@ -17,6 +17,7 @@ mod reproduce;
 mod results;
 mod run;
 mod track;
+mod validate;
 mod way_out;
 mod withdraw;
 
@@ -54,6 +55,8 @@ enum Command {
     Report(report::ReportArgs),
     /// Stiffness, tip load and natural curvature of one's own needle from recorded insertions.
     Estimate(estimate::EstimateArgs),
+    /// Predictions of recorded steps against what was measured.
+    Validate(validate::ValidateArgs),
     /// Equilibrium of the needle model for a given state, as JSON.
     Shape(model::ShapeArgs),
     /// Camera calibration and registration.
@@ -194,6 +197,7 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Diff(args) => return replay::execute_diff(&args),
         Command::Report(args) => return report::execute(&args),
         Command::Estimate(args) => return estimate::execute(&args),
+        Command::Validate(args) => return validate::execute(&args),
         Command::Shape(args) => return model::shape(&args),
         Command::Calibrate(command) => return calibrate::execute(&command),
         Command::Track(args) => return track::execute(&args),

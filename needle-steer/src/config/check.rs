@@ -100,6 +100,23 @@ impl Config {
         }
         positive("needle.young_modulus_gpa", needle.young_modulus_gpa, 1000.0)?;
         within("needle.bevel_deg", needle.bevel_deg, 1.0, 89.0)?;
+        for (key, value, most) in [
+            ("needle.guide_gap_mm", needle.guide_gap_mm, 500.0),
+            (
+                "needle.guide_gap_sigma_mm",
+                needle.guide_gap_sigma_mm,
+                100.0,
+            ),
+            ("needle.sensor_setback_mm", needle.sensor_setback_mm, 50.0),
+        ] {
+            within(key, value, 0.0, most)?;
+        }
+        for value in needle.axis_drift_rad_per_m {
+            within("needle.axis_drift_rad_per_m", value, -50.0, 50.0)?;
+        }
+        for value in needle.tip_drift_mm_per_m {
+            within("needle.tip_drift_mm_per_m", value, -1000.0, 1000.0)?;
+        }
         within(
             "tissue.spring_spacing_mm",
             self.tissue.spring_spacing_mm,
@@ -233,6 +250,7 @@ impl Config {
     fn validate_estimator(&self) -> Result<(), Invalid> {
         let e = &self.estimator;
         within("estimator.stiffness_n_m2", e.stiffness_n_m2, 5e2, 3e5)?;
+        within("estimator.wave_length_mm", e.wave_length_mm, 0.0, 500.0)?;
         for (key, value, most) in [
             ("stiffness_sigma", e.stiffness_sigma, 10.0),
             ("cut_angle_deg", e.cut_angle_deg, 20.0),

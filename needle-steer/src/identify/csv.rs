@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, Unit, UnitQuaternion
 
 use super::recording::{Recording, RecordingError, Seen, Support};
 use super::table::{Row, Table, TableError};
-use crate::config::Config;
+use crate::config::{Config, NeedleSupport};
 
 /// Standard deviation of a point where the file gives none \[m\].
 const SIGMA: f64 = 0.25e-3;
@@ -42,7 +42,8 @@ impl Recording {
     /// See [`RecordingError`].
     pub fn from_csv(file: &Path, config: &Config) -> Result<Self, RecordingError> {
         let table = Table::read(file)?;
-        let support = if GUIDE.iter().any(|name| table.has(name)) {
+        let guided = config.needle.support == NeedleSupport::Guide;
+        let support = if guided || GUIDE.iter().any(|name| table.has(name)) {
             Support::Guide
         } else {
             Support::Base

@@ -5,7 +5,9 @@ use nalgebra::{Point3, Vector2, Vector3};
 use needle_model::NeedleError;
 use serde::Serialize;
 
-use super::recording::{Recording, Support};
+use super::guided::Interval;
+use super::recording::Recording;
+use super::steps::LeftOut;
 use super::tip_load;
 use crate::config::Config;
 use crate::springs;
@@ -60,12 +62,39 @@ pub enum IdentifyError {
         /// Why.
         source: EstimatorError,
     },
-    /// A guide in whose pose the base's is not.
-    #[error("{name}: recordings through a guide are read, but not identified from yet")]
-    Guide {
+    /// Recordings of a base and of a guide.
+    #[error("{name}: held otherwise than {first}; estimate from guides and from bases apart")]
+    Mixed {
+        /// The recording.
+        name: String,
+        /// The first recording.
+        first: String,
+    },
+    /// No tip axis.
+    #[error(
+        "{name}: the tip's axis is not in every row (axis_x, axis_y, axis_z): without it the tip sensor shows no wave length"
+    )]
+    NoAxis {
         /// The recording.
         name: String,
     },
+    /// The support hardly moved.
+    #[error(
+        "{found} steps with a motion of the support of 0.3 mm and an advance of 3 mm, {needed} are needed (deepest tip: {deepest_mm:.1} mm); move the support while the tip is 5 to 40 mm deep, and check `tissue.entry_mm` and `tissue.inward`"
+    )]
+    Still {
+        /// Steps needed.
+        needed: usize,
+        /// Steps found.
+        found: usize,
+        /// Depth of the deepest tip \[mm\].
+        deepest_mm: f64,
+    },
+    /// No step counts.
+    #[error(
+        "no step has 3 to 8 mm of advance and a motion of the support of 0.3 mm: there is nothing to hold the model against"
+    )]
+    NoSteps,
     /// No recording is deep enough.
     #[error(
         "no recording is deeper than {needed_mm} mm (the deepest: {found_mm:.1} mm); are `tissue.entry_mm` and `tissue.inward` those of the recordings?"
@@ -85,6 +114,10 @@ pub struct Parameter {
     pub value: f64,
     /// 95 % interval.
     pub interval: [f64; 2],
+    /// Its lower end.
+    pub low: f64,
+    /// Its upper end.
+    pub high: f64,
     /// Standard deviation of the logarithm.
     pub log_sigma: f64,
     /// Whether the data identify it.
@@ -94,10 +127,13 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    fn from_log(log: f64, sigma: f64, reason: Option<String>) -> Self {
+    pub(super) fn from_log(log: f64, sigma: f64, reason: Option<String>) -> Self {
+        let (low, high) = ((log - NORMAL * sigma).exp(), (log + NORMAL * sigma).exp());
         Self {
             value: log.exp(),
-            interval: [(log - NORMAL * sigma).exp(), (log + NORMAL * sigma).exp()],
+            interval: [low, high],
+            low,
+            high,
             log_sigma: sigma,
             identified: reason.is_none(),
             reason,
@@ -121,6 +157,14 @@ pub struct Identified {
     pub natural_curvature_per_m: Parameter,
     /// Tip load of the springs model (eq. 3), relative to what the bevel's angle and K_T say.
     pub tip_load_scale: Parameter,
+    /// Wave length (4 EI/K_T)^(1/4) \[mm\], where the stiffness is identified.
+    pub wave_length_mm: Option<Interval>,
+    /// None: there is no guide.
+    pub guide_gap_mm: Option<Interval>,
+    /// What is not identified, and why.
+    pub not_identified: Vec<String>,
+    /// Parts of recordings that do not count: none, a base's recording counts as a whole.
+    pub left_out: Vec<LeftOut>,
     /// Insertions used.
     pub recordings: usize,
     /// Measurements used.
@@ -142,11 +186,6 @@ pub fn identify(recordings: &[Recording]) -> Result<Identified, IdentifyError> {
         return Err(IdentifyError::NoRecording);
     };
     for recording in recordings {
-        if recording.support == Support::Guide {
-            return Err(IdentifyError::Guide {
-                name: recording.name.clone(),
-            });
-        }
         let found = along(recording)?;
         deepest = deepest.max(found.depth);
         measurements += recording.seen.len();
@@ -198,7 +237,11 @@ pub fn identify(recordings: &[Recording]) -> Result<Identified, IdentifyError> {
     // K_nat = 2 gamma / lambda, lambda ~ K_T^(-1/4).
     let needle = needle(first)?;
     let lambda = (4.0 * needle.bending_stiffness() / log_k.exp()).powf(0.25);
-    Ok(Identified {
+    let mut found = Identified {
+        wave_length_mm: None,
+        guide_gap_mm: None,
+        not_identified: Vec::new(),
+        left_out: Vec::new(),
         natural_curvature_per_m: Parameter::from_log(
             log_g + (2.0 / lambda).ln(),
             g_sigma.hypot(k_sigma / 4.0),
@@ -209,10 +252,32 @@ pub fn identify(recordings: &[Recording]) -> Result<Identified, IdentifyError> {
         tip_load_scale: Parameter::from_log(log_load, load_sigma, load_reason),
         recordings: recordings.len(),
         measurements,
-    })
+    };
+    found.name_unidentified(needle.bending_stiffness());
+    Ok(found)
 }
 
 impl Identified {
+    fn name_unidentified(&mut self, bending_stiffness: f64) {
+        for (name, parameter) in [
+            ("stiffness_n_m2", &self.stiffness_n_m2),
+            ("cut_angle_deg", &self.cut_angle_deg),
+            ("natural_curvature_per_m", &self.natural_curvature_per_m),
+            ("tip_load_scale", &self.tip_load_scale),
+        ] {
+            if let Some(reason) = &parameter.reason {
+                self.not_identified.push(format!("{name}: {reason}"));
+            }
+        }
+        let k = &self.stiffness_n_m2;
+        let length = |k: f64| (4.0 * bending_stiffness / k).powf(0.25) * 1e3;
+        self.wave_length_mm = k.identified.then(|| Interval {
+            value: length(k.value),
+            low: length(k.high),
+            high: length(k.low),
+        });
+    }
+
     /// The configuration of `base` with what was identified; the rest stays as it was.
     pub fn apply(&self, base: &Config) -> Config {
         let mut config = base.clone();

@@ -7,6 +7,7 @@ mod charts;
 mod cameras;
 mod page;
 mod distributions;
+mod validation;
 
 use std::path::{Path, PathBuf};
 
@@ -17,6 +18,7 @@ use crate::config::ConfigError;
 use crate::replay;
 
 pub use page::Page;
+pub use validation::validation;
 
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]
