@@ -54,17 +54,14 @@ pub fn measured(config: &Config) -> Result<Option<Measured>, FileError> {
 
 /// A rig as `vision` takes it from the phantom's parameters.
 pub fn calibrated(parameters: &RigParameters) -> StereoRig {
-    let camera = |lens: &truth::Lens| {
-        let [k1, k2, p1, p2, k3] = lens.distortion;
-        Camera {
-            width: parameters.width_px,
-            height: parameters.height_px,
-            fx: lens.fx,
-            fy: lens.fy,
-            cx: lens.cx,
-            cy: lens.cy,
-            distortion: Distortion { k1, k2, p1, p2, k3 },
-        }
+    let camera = |lens: &truth::Lens| Camera {
+        width: parameters.width_px,
+        height: parameters.height_px,
+        fx: lens.fx,
+        fy: lens.fy,
+        cx: lens.cx,
+        cy: lens.cy,
+        distortion: Distortion::from_array(lens.distortion),
     };
     let given = &parameters.container;
     let window = |plane: &truth::Plane, camera_from_left: &Isometry3<f64>| {

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use hal::Transform;
-use nalgebra::{Isometry3, SMatrix, Unit, Vector3};
+use nalgebra::{DMatrix, Isometry3, Unit, Vector3};
 use vision::camera::{Camera, Container, Distortion, FlatWindow, StereoRig};
 use vision::files::{
     FileError, StereoFile, camera_info, read_camera_info, read_images, read_stereo, stereo_yml,
@@ -52,7 +52,9 @@ fn file() -> StereoFile {
                 right: window,
             }),
         },
-        covariance: Some(SMatrix::from_fn(|i, j| 1e-3 / (1.0 + (i + j) as f64))),
+        covariance: Some(DMatrix::from_fn(24, 24, |i, j| {
+            1e-3 / (1.0 + (i + j) as f64)
+        })),
         corner_sigma_px: Some(0.15),
     }
 }
@@ -143,7 +145,7 @@ fn wrong_files_are_named_with_their_key() {
         std::fs::write(&path, text).unwrap();
         read_stereo(&path).unwrap_err().to_string()
     };
-    assert!(read(&good.replace("M2:", "M3:")).contains("`M2.rows`"));
+    assert!(read(&good.replace("M2:", "M3:")).contains("no `M2`"));
     assert!(read(&good.replacen("cols: 3", "cols: 4", 1)).contains("`M1`"));
     assert!(read(&good.replace("gel_index: 1.3", "gel_index: 0.3")).contains("gel 0.34"));
     assert!(read("not: [closed").contains("stereo.yml"));

@@ -11,21 +11,26 @@ use nalgebra::Point2;
 use serde::Serialize;
 use vision::calibrate::{
     Board, BoardPair, RejectReason, Rejected, StereoCalibration, StereoOptions, calibrate_stereo,
+    rectify,
 };
 use vision::camera::Camera;
 use vision::detect::{BoardSize, RefineOptions, detect_board};
-use vision::files::{StereoFile, camera_info, read_images, read_stereo, stereo_yml, write_all};
+use vision::files::{StereoFile, camchain, camera_info, read_images, stereo_yml, write_all};
 use vision::register::{RegistrationFile, read_poses, register};
 use vision::report::calibration_report;
 
 use super::arm::rows;
-use super::{Usage, print_json};
+use super::{Usage, boards, calibration, print_json};
 
 /// Camera calibration and registration.
 #[derive(Debug, Subcommand)]
 pub(super) enum CalibrateCommand {
     /// Stereo calibration from photographs of a chessboard.
     Stereo(StereoArgs),
+    /// Calibration of one camera from photographs of a chessboard.
+    Mono(boards::MonoArgs),
+    /// Corner pixels of a chessboard in photographs, as `register` wants them.
+    Corners(boards::CornersArgs),
     /// Registration of the cameras to the arm from recorded poses.
     Register(RegisterArgs),
 }
@@ -44,9 +49,13 @@ pub(super) struct StereoArgs {
     /// Side of a square \[mm\].
     #[arg(long)]
     square_mm: f64,
-    /// Folder for `report.html`, `left.yaml`, `right.yaml`, `stereo.yml`; made if missing.
+    /// Folder for `report.html`, `left.yaml`, `right.yaml`, `stereo.yml`, and `camchain.yaml`
+    /// (Kalibr) where it has the lens model; made if missing.
     #[arg(long)]
     out: PathBuf,
+    /// Model of both lenses.
+    #[arg(long, default_value = "plumb_bob", value_parser = boards::LENSES)]
+    lens: String,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -56,9 +65,13 @@ pub(super) struct StereoArgs {
 pub(super) struct RegisterArgs {
     /// Recorded poses (JSON).
     poses: PathBuf,
-    /// The stereo calibration.
+    /// The stereo calibration; twice for two files (both cameras', left first, or intrinsics and
+    /// extrinsics).
+    #[arg(long, required = true)]
+    calibration: Vec<PathBuf>,
+    /// Unit of the calibration's lengths \[mm\], where it is not the metre: 1 for millimetres.
     #[arg(long)]
-    calibration: PathBuf,
+    unit_mm: Option<f64>,
     /// File for the registration (JSON).
     #[arg(long)]
     out: PathBuf,
@@ -70,14 +83,16 @@ pub(super) struct RegisterArgs {
 pub(super) fn execute(command: &CalibrateCommand) -> anyhow::Result<ExitCode> {
     match command {
         CalibrateCommand::Stereo(args) => stereo(args),
+        CalibrateCommand::Mono(args) => boards::mono(args),
+        CalibrateCommand::Corners(args) => boards::corners(args),
         CalibrateCommand::Register(args) => registration(args),
     }
 }
 
 #[derive(Serialize)]
-struct CameraOutput {
+pub(super) struct CameraOutput {
     camera_matrix: [[f64; 3]; 3],
-    distortion: [f64; 5],
+    distortion: Vec<f64>,
 }
 
 #[derive(Serialize)]
@@ -107,14 +122,14 @@ fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
         ))
         .into());
     }
-    let files: Vec<PathBuf> = args.left.iter().chain(&args.right).cloned().collect();
-    let images = read_images(&files).map_err(|e| Usage(with_causes(&e)))?;
-    let (left, right) = images.split_at(args.left.len());
-    let size = left
-        .first()
-        .map_or((0, 0), |image| (image.width(), image.height()));
+    let read = |files: &[PathBuf]| read_images(files).map_err(|e| Usage(e.to_string()));
+    let (left, right) = (read(&args.left)?, read(&args.right)?);
+    let sizes = [&left, &right].map(|images| {
+        let first = images.first();
+        first.map_or((0, 0), |image| (image.width(), image.height()))
+    });
     let (mut pairs, mut rejected) = (Vec::new(), Vec::new());
-    for (k, (left_image, right_image)) in left.iter().zip(right).enumerate() {
+    for (k, (left_image, right_image)) in left.iter().zip(&right).enumerate() {
         let names = [&args.left, &args.right].map(|list| name(list.get(k)));
         match corners([left_image, right_image], board.size, &names) {
             Ok([left, right]) => {
@@ -136,7 +151,11 @@ fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
             }
         }
     }
-    let calibration = calibrate_stereo(&board, &pairs, size, rejected, &StereoOptions::default())
+    let options = StereoOptions {
+        lens: boards::lens(&args.lens),
+        ..StereoOptions::default()
+    };
+    let calibration = calibrate_stereo(&board, &pairs, sizes, rejected, &options)
         .map_err(|e| Usage(e.to_string()))?;
     write_calibration(&args.out, &calibration)?;
     if args.json {
@@ -147,7 +166,7 @@ fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn board_size(text: &str) -> Result<BoardSize, Usage> {
+pub(super) fn board_size(text: &str) -> Result<BoardSize, Usage> {
     let parsed = text.split_once(['x', 'X']).and_then(|(cols, rows)| {
         Some(BoardSize {
             cols: cols.trim().parse().ok()?,
@@ -161,7 +180,7 @@ fn board_size(text: &str) -> Result<BoardSize, Usage> {
     })
 }
 
-fn square(square_mm: f64) -> Result<f64, Usage> {
+pub(super) fn square(square_mm: f64) -> Result<f64, Usage> {
     if square_mm.is_finite() && square_mm > 0.0 {
         Ok(square_mm * 1e-3)
     } else {
@@ -171,7 +190,7 @@ fn square(square_mm: f64) -> Result<f64, Usage> {
     }
 }
 
-fn name(path: Option<&PathBuf>) -> String {
+pub(super) fn name(path: Option<&PathBuf>) -> String {
     path.and_then(|p| p.file_name())
         .map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }
@@ -200,7 +219,7 @@ fn write_calibration(out: &Path, calibration: &StereoCalibration) -> anyhow::Res
     let report = calibration_report(calibration)?;
     let [left, right] = camera_info(&calibration.rig);
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    write_all(&[
+    let mut files = vec![
         (out.join("report.html"), report),
         (out.join("left.yaml"), left.to_yaml()),
         (out.join("right.yaml"), right.to_yaml()),
@@ -208,7 +227,11 @@ fn write_calibration(out: &Path, calibration: &StereoCalibration) -> anyhow::Res
             out.join("stereo.yml"),
             stereo_yml(&StereoFile::from(calibration)),
         ),
-    ])?;
+    ];
+    if let Some(text) = camchain(&calibration.rig) {
+        files.push((out.join("camchain.yaml"), text));
+    }
+    write_all(&files)?;
     Ok(())
 }
 
@@ -236,11 +259,11 @@ fn output(c: &StereoCalibration) -> StereoOutput<'_> {
     }
 }
 
-fn camera_output(camera: &Camera) -> CameraOutput {
+pub(super) fn camera_output(camera: &Camera) -> CameraOutput {
     let k = camera.matrix();
     CameraOutput {
         camera_matrix: core::array::from_fn(|i| core::array::from_fn(|j| k[(i, j)])),
-        distortion: camera.distortion.to_array(),
+        distortion: camera.distortion.coefficients(),
     }
 }
 
@@ -258,8 +281,16 @@ fn print_stereo(c: &StereoCalibration, out: &Path) -> std::io::Result<()> {
     }
     writeln!(
         stdout,
-        "RMS {:.4} px joint, {:.4} px left alone, {:.4} px right alone; rectified dy {:.4} px",
-        c.joint_rms_px, c.left_rms_px, c.right_rms_px, c.rectified_dy.rms_px
+        "RMS {:.4} px joint, {:.4} px left alone, {:.4} px right alone; rectified {} {:.4} px",
+        c.joint_rms_px,
+        c.left_rms_px,
+        c.right_rms_px,
+        if rectify(&c.rig).is_some_and(|r| r.vertical) {
+            "dx (one above the other)"
+        } else {
+            "dy"
+        },
+        c.rectified_dy.rms_px
     )?;
     writeln!(stdout, "baseline {:.3} mm", c.rig.baseline() * 1e3)?;
     writeln!(
@@ -270,8 +301,8 @@ fn print_stereo(c: &StereoCalibration, out: &Path) -> std::io::Result<()> {
 }
 
 fn registration(args: &RegisterArgs) -> anyhow::Result<ExitCode> {
-    let calibration = read_stereo(&args.calibration).map_err(|e| Usage(with_causes(&e)))?;
-    let (target, poses, options) = read_poses(&args.poses).map_err(|e| Usage(with_causes(&e)))?;
+    let calibration = calibration::read(&args.calibration, args.unit_mm, None)?;
+    let (target, poses, options) = read_poses(&args.poses).map_err(|e| Usage(e.to_string()))?;
     let found = register(
         &calibration.rig,
         calibration.covariance.as_ref(),
@@ -304,15 +335,4 @@ fn registration(args: &RegisterArgs) -> anyhow::Result<ExitCode> {
         )?;
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// An error and its causes in one line.
-fn with_causes(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(next) = cause {
-        text = format!("{text}: {next}");
-        cause = next.source();
-    }
-    text
 }

@@ -3,7 +3,9 @@
 
 mod arm;
 mod arms;
+mod boards;
 mod calibrate;
+mod calibration;
 mod campaign;
 mod check;
 mod dead_man;

@@ -13,10 +13,10 @@ use hal::{CameraFrame, Stamp, StereoFrame};
 use nalgebra::{Matrix3, Point3};
 use serde::Serialize;
 use vision::DistortedPx;
-use vision::files::{FileError, read_image, read_stereo, same_size, write_overlay};
+use vision::files::{FileError, read_image, same_size, write_overlay};
 use vision::track::{Appearance, Context, FrameError, Loss, StereoTracker, TrackSettings, Tracked};
 
-use super::{Usage, print_json};
+use super::{Usage, calibration, print_json};
 use crate::sight;
 
 #[derive(Debug, Args)]
@@ -27,9 +27,14 @@ pub(super) struct TrackArgs {
     /// Images of the right camera, in the same order.
     #[arg(long, required = true, num_args = 1..)]
     right: Vec<PathBuf>,
-    /// The stereo calibration; refraction counts if it names the container's windows.
+    /// The stereo calibration: one file, or two (both cameras', left first, or intrinsics and
+    /// extrinsics). OpenCV, ROS `camera_info`, Kalibr; refraction counts if it names the
+    /// container's windows.
+    #[arg(long, required = true, num_args = 1..=2)]
+    calibration: Vec<PathBuf>,
+    /// Unit of the calibration's lengths \[mm\], where it is not the metre: 1 for millimetres.
     #[arg(long)]
-    calibration: PathBuf,
+    unit_mm: Option<f64>,
     /// File for the results: a JSON line a frame. Nothing is written over.
     #[arg(long)]
     out: PathBuf,
@@ -126,7 +131,7 @@ fn nowhere(args: &TrackArgs, problem: &str) -> Usage {
     Usage(format!(
         "the needle was found in none of {} pairs ({problem}): are these its images, and is {} the calibration of their cameras?",
         args.left.len(),
-        args.calibration.display()
+        calibration::names(&args.calibration)
     ))
 }
 
@@ -145,19 +150,20 @@ fn prepare(args: &TrackArgs) -> Result<StereoTracker, Usage> {
             args.rate_hz
         )));
     }
-    let calibration = read_stereo(&args.calibration).map_err(refused)?;
-    let (width, height) = same_size(args.left.iter().chain(&args.right)).map_err(refused)?;
-    calibration
-        .check_size(&args.calibration, width, height)
-        .map_err(refused)?;
+    let left_size = same_size(&args.left).map_err(refused)?;
+    let right_size = same_size(&args.right).map_err(refused)?;
+    let sizes = [left_size, right_size];
+    let calibration = calibration::read(&args.calibration, args.unit_mm, Some(sizes))?;
+    if let Some(path) = args.calibration.first() {
+        calibration.check_sizes(path, sizes).map_err(refused)?;
+    }
     let needle = appearance(args)?;
     let mut tracker = StereoTracker::new(&calibration.rig, needle, &TrackSettings::default())
         .map_err(|e| Usage(e.to_string()))?;
     if let (Some(left), Some(right)) = (&args.start_left, &args.start_right) {
-        let size = (width, height);
         tracker.start_at(
-            clicks("--start-left", left, size)?,
-            clicks("--start-right", right, size)?,
+            clicks("--start-left", left, left_size)?,
+            clicks("--start-right", right, right_size)?,
         );
     }
     if let Some(folder) = &args.overlay {

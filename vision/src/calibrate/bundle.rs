@@ -109,6 +109,7 @@ fn step<const S: usize>(blocks: &[Block<S>], damping: f64) -> Option<Step<S>> {
     for i in 0..S {
         reduced[(i, i)] *= 1.0 + damping;
     }
+    hold_unused(&mut reduced);
     for block in blocks {
         let mut v = block.v;
         for i in 0..6 {
@@ -137,6 +138,15 @@ fn step<const S: usize>(blocks: &[Block<S>], damping: f64) -> Option<Step<S>> {
     decrease.is_finite().then_some((shared, poses, decrease))
 }
 
+/// Keeps parameters without effect (coefficients that a lens model does not use) where they are.
+fn hold_unused<const S: usize>(matrix: &mut SMatrix<f64, S, S>) {
+    for i in 0..S {
+        if matrix[(i, i)] == 0.0 {
+            matrix[(i, i)] = 1.0;
+        }
+    }
+}
+
 fn factor<const S: usize>(matrix: &SMatrix<f64, S, S>) -> Option<Llt<f64>> {
     if !matrix.iter().all(|x| x.is_finite()) {
         return None;
@@ -160,12 +170,20 @@ pub(super) fn reduced<const S: usize>(
 }
 
 /// Inverse of the reduced normal equations: the covariance of the shared parameters for corners
-/// with unit variance.
+/// with unit variance. Zero for parameters without effect.
 pub(super) fn inverse<const S: usize>(
     information: &SMatrix<f64, S, S>,
 ) -> Option<SMatrix<f64, S, S>> {
-    let inverse = factor(information)?.inverse();
-    let result =
-        SMatrix::<f64, S, S>::from_fn(|i, j| f64::midpoint(inverse[(i, j)], inverse[(j, i)]));
+    let mut held = *information;
+    hold_unused(&mut held);
+    let inverse = factor(&held)?.inverse();
+    let used = |i: usize| information[(i, i)] != 0.0;
+    let result = SMatrix::<f64, S, S>::from_fn(|i, j| {
+        if used(i) && used(j) {
+            f64::midpoint(inverse[(i, j)], inverse[(j, i)])
+        } else {
+            0.0
+        }
+    });
     result.iter().all(|x| x.is_finite()).then_some(result)
 }

@@ -5,12 +5,15 @@
 //! fit are rejected by name. All parameters come with a covariance.
 
 mod bundle;
+mod determined;
+mod mono;
 mod monocular;
 mod normal;
 mod rectify;
 mod stereo;
 mod zhang;
 
+pub use mono::{BoardView, MonoCalibration, calibrate_mono};
 pub use rectify::{Rectification, RectifiedDy, rectified_dy, rectify};
 pub use stereo::{
     BoardPair, CalibrationError, Influence, RejectReason, Rejected, StereoCalibration,
@@ -28,6 +31,22 @@ pub struct Board {
     pub size: BoardSize,
     /// Side of a square \[m\].
     pub square: f64,
+}
+
+/// Width and height of the left and the right camera's images \[px\].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageSizes(pub [(usize, usize); 2]);
+
+impl From<(usize, usize)> for ImageSizes {
+    fn from(both: (usize, usize)) -> Self {
+        Self([both; 2])
+    }
+}
+
+impl From<[(usize, usize); 2]> for ImageSizes {
+    fn from(sizes: [(usize, usize); 2]) -> Self {
+        Self(sizes)
+    }
 }
 
 impl Board {

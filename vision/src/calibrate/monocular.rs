@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point2, SVector, Vector6};
 use super::bundle::{Block, Bundle, Minimum, NoMinimum, minimise};
 use super::normal::{INTRINSICS, Observed, accumulate, stepped};
 use super::zhang;
-use crate::camera::Camera;
+use crate::camera::{Camera, LensModel};
 
 /// A camera and the boards that it saw.
 #[derive(Clone, Debug)]
@@ -49,7 +49,7 @@ impl Bundle<INTRINSICS> for Monocular<'_> {
     }
 }
 
-/// A camera with its intrinsics moved by the first nine of `step`.
+/// A camera with its intrinsics moved by the first twelve of `step`.
 pub(super) fn moved(camera: &Camera, step: &[f64]) -> Camera {
     let mut p = camera.intrinsics();
     for (value, s) in p.iter_mut().zip(step) {
@@ -58,20 +58,31 @@ pub(super) fn moved(camera: &Camera, step: &[f64]) -> Camera {
     camera.with_intrinsics(&p)
 }
 
-/// Fits a camera to its boards from Zhang's closed form.
+/// Fits a camera to its boards: from Zhang's closed form, or a fisheye from the best of a few
+/// focal lengths. The rational model starts where Brown-Conrady ends.
 pub(super) fn fit<'a>(
     board: &'a [Point2<f64>],
-    all: &[&[Point2<f64>]],
     observed: &'a [Observed],
     image_size: (usize, usize),
+    lens: LensModel,
     huber_px: f64,
 ) -> Result<Minimum<Monocular<'a>, INTRINSICS>, NoMinimum> {
-    let start = zhang::start(board, all, image_size).ok_or(NoMinimum::Singular)?;
-    minimise(Monocular {
+    let start = match lens {
+        LensModel::Equidistant => zhang::fisheye_start(board, observed, image_size),
+        _ => zhang::start(board, observed, image_size),
+    };
+    let start = start.ok_or(NoMinimum::Singular)?;
+    let found = minimise(Monocular {
         camera: start.camera,
         camera_from_board: start.camera_from_board,
         board,
         observed,
         huber_px,
-    })
+    })?;
+    if lens != LensModel::RationalPolynomial {
+        return Ok(found);
+    }
+    let mut rational = found.bundle;
+    rational.camera.distortion.model = lens;
+    minimise(rational)
 }

@@ -4,8 +4,7 @@ use nalgebra::{Isometry3, Matrix6, Point2, SMatrix, SVector, Vector2, Vector3};
 
 use crate::camera::Camera;
 
-/// Number of a camera's intrinsic parameters.
-pub(super) const INTRINSICS: usize = 9;
+pub(super) use crate::camera::INTRINSICS;
 const ALL: usize = INTRINSICS + 6;
 
 /// Corners of one board in one image; `None` for a rejected corner.

@@ -1,8 +1,9 @@
-//! Rectification: both images as if taken by two parallel cameras side by side.
+//! Rectification: both images as if taken by two parallel cameras, side by side or one above the
+//! other.
 //!
 //! Bouguet's algorithm as OpenCV's `stereoRectify` defines it, so that figures of both can be
-//! compared: rotate each camera half-way, turn both so that the baseline lies along the rows,
-//! and choose the new camera matrix from the images' borders.
+//! compared: rotate each camera half-way, turn both so that the baseline lies along the rows
+//! (along the columns where it is nearer to those), and choose the new camera matrix from the images' borders.
 
 use nalgebra::{Point2, Rotation3, Vector2, Vector3};
 
@@ -20,12 +21,15 @@ pub struct Rectification {
     pub focal: f64,
     /// Principal points, left and right \[px\].
     pub centres: [Point2<f64>; 2],
-    /// Position of the right camera in rectified axes times -1: the x of OpenCV's P2 over the
-    /// focal length \[m\].
+    /// Position of the right camera along the baseline's axis times -1: the last column of
+    /// OpenCV's P2 over the focal length \[m\].
     pub shift: f64,
+    /// Whether the baseline lies along the columns: cameras one above the other.
+    pub vertical: bool,
 }
 
-/// Vertical differences of corresponding corners after rectification \[px\].
+/// Differences of corresponding corners after rectification, across the baseline \[px\]: vertical
+/// ones for cameras side by side, horizontal ones for cameras one above the other.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct RectifiedDy {
     /// Root mean square.
@@ -35,27 +39,59 @@ pub struct RectifiedDy {
 }
 
 /// OpenCV's rectification with alpha = 0 (only valid pixels) and equal principal points.
-/// `None` if the baseline is not along the rows or a border cannot be undistorted.
+/// `None` without a baseline. Where a border cannot be undistorted or is turned out of view, the
+/// mean focal length and the images' centres serve.
 pub fn rectify(rig: &StereoRig) -> Option<Rectification> {
     let right_from_left = rig.right_from_left.isometry();
     let half = Rotation3::from_scaled_axis(right_from_left.rotation.scaled_axis() * -0.5);
     let t = half * right_from_left.translation.vector;
-    if t.x.abs() <= t.y.abs() || t.norm() <= 0.0 {
+    let vertical = t.y.abs() > t.x.abs();
+    let along_axis = usize::from(vertical);
+    if t[along_axis] == 0.0 || !t.norm().is_finite() {
         return None;
     }
-    let along = Vector3::new(t.x.signum(), 0.0, 0.0);
+    let mut along = Vector3::zeros();
+    along[along_axis] = t[along_axis].signum();
     let axis = t.cross(&along);
     let turn = if axis.norm() > 0.0 {
-        let angle = (t.x.abs() / t.norm()).min(1.0).acos();
+        let angle = (t[along_axis].abs() / t.norm()).min(1.0).acos();
         Rotation3::from_scaled_axis(axis.normalize() * angle)
     } else {
         Rotation3::identity()
     };
     let (left, right) = (turn * half.inverse(), turn * half);
-    let shift = (right * right_from_left.translation.vector).x;
+    let shift = (right * right_from_left.translation.vector)[along_axis];
 
-    let mut focal = f64::midpoint(rig.left.fy, rig.right.fy);
-    let sides = [(&rig.left, &left), (&rig.right, &right)];
+    let mut focal = if vertical {
+        f64::midpoint(rig.left.fx, rig.right.fx)
+    } else {
+        f64::midpoint(rig.left.fy, rig.right.fy)
+    };
+    let middle =
+        |camera: &Camera| Vector2::new(camera.width as f64 - 1.0, camera.height as f64 - 1.0) / 2.0;
+    let mut centre = (middle(&rig.left) + middle(&rig.right)) / 2.0;
+    if let Some((best, scale)) = inside(rig, [&left, &right], focal) {
+        centre = best;
+        focal *= scale;
+    }
+    Some(Rectification {
+        left,
+        right,
+        focal,
+        centres: [Point2::from(centre); 2],
+        shift,
+        vertical,
+    })
+}
+
+/// Principal point and scale of the focal length with which the rectified images hold valid
+/// pixels only.
+fn inside(
+    rig: &StereoRig,
+    [left, right]: [&Rotation3<f64>; 2],
+    focal: f64,
+) -> Option<(Vector2<f64>, f64)> {
+    let sides = [(&rig.left, left), (&rig.right, right)];
     let mut centre = Vector2::zeros();
     for (camera, rotation) in sides {
         // The image's borders stay centred on average.
@@ -84,21 +120,11 @@ pub fn rectify(rig: &StereoRig) -> Option<Rectification> {
             scale = scale.max(s);
         }
     }
-    if !(scale > 0.0 && scale.is_finite()) {
-        return None;
-    }
-    focal *= scale;
-    Some(Rectification {
-        left,
-        right,
-        focal,
-        centres: [Point2::from(centre); 2],
-        shift,
-    })
+    (scale > 0.0 && scale.is_finite()).then_some((centre, scale))
 }
 
-/// RMS and maximum of the vertical difference of all corners of all pairs; NaN for rigs that
-/// [`rectify`] refuses.
+/// RMS and maximum of the difference across the baseline of all corners of all pairs; NaN for
+/// rigs that [`rectify`] refuses.
 pub fn rectified_dy<'a>(
     rig: &StereoRig,
     pairs: impl Iterator<Item = &'a BoardPair>,
@@ -115,9 +141,11 @@ pub fn rectified_dy<'a>(
         let left = rectified(&rig.left, &r.left, a.x, a.y);
         let right = rectified(&rig.right, &r.right, b.x, b.y);
         let (Some(left), Some(right)) = (left, right) else {
-            return result;
+            // Turned out of the rectified view.
+            continue;
         };
-        let dy = (left.y - right.y) * r.focal;
+        let across = usize::from(!r.vertical);
+        let dy = (left[across] - right[across]) * r.focal;
         sum += dy * dy;
         max = max.max(dy.abs());
         count += 1.0;
@@ -153,17 +181,7 @@ fn rectified(camera: &Camera, rotation: &Rotation3<f64>, x: f64, y: f64) -> Opti
 /// exists, and the choice of the new camera matrix needs none.
 fn border(camera: &Camera, rotation: &Rotation3<f64>, x: f64, y: f64) -> Option<Vector2<f64>> {
     let start = Vector2::new((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy);
-    let d = &camera.distortion;
-    let mut n = start;
-    for _ in 0..5 {
-        let r2 = n.norm_squared();
-        let radial = 1.0 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3));
-        let tangential = d.apply(&n) - n * radial;
-        if radial.is_nan() || radial <= 0.0 {
-            return None;
-        }
-        n = (start - tangential) / radial;
-    }
+    let n = camera.distortion.invert_roughly(&start)?;
     let turned = rotation * Vector3::new(n.x, n.y, 1.0);
     (turned.z > 0.0).then(|| turned.xy() / turned.z)
 }

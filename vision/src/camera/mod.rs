@@ -3,12 +3,14 @@
 //! The conventions are OpenCV's: x right, y down, z forward; pixel centres have integer
 //! coordinates.
 
-mod brown_conrady;
+mod lens;
+mod pinhole;
 mod refraction;
 mod rig;
 mod triangulate;
 
-pub use brown_conrady::{Camera, Distortion, InvalidCamera, Projection};
+pub use lens::{Distortion, INTRINSICS, LensModel};
+pub use pinhole::{Camera, InvalidCamera, Projection};
 pub use refraction::{FlatWindow, InvalidWindow, Ray, WindowRay};
 pub use rig::{Container, StereoRig, View, ViewRay};
 pub use triangulate::{NoPoint, Triangulated, triangulate};

@@ -33,6 +33,23 @@ impl Grid {
         self.cells.iter().flatten().count()
     }
 
+    /// Mean of its crossings \[px\].
+    pub(super) fn centre(&self) -> Point2<f64> {
+        let all = self.cells.iter().flatten();
+        let sum = all.fold(nalgebra::Vector2::zeros(), |s, c| s + c.at.coords);
+        Point2::from(sum / self.count().max(1) as f64)
+    }
+
+    /// Distance of the first two crossings of a row \[px\].
+    pub(super) fn spacing(&self) -> f64 {
+        let first = self.cells.iter().flatten();
+        let mut pair = first.take(2).map(|c| c.at);
+        match (pair.next(), pair.next()) {
+            (Some(a), Some(b)) => (a - b).norm(),
+            _ => 0.0,
+        }
+    }
+
     /// The crossing at a column and row.
     pub(super) fn at(&self, col: usize, row: usize) -> Option<&Cell> {
         self.cells[row * self.cols + col].as_ref()

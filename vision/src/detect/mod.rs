@@ -4,13 +4,18 @@
 //! lens would image them. Anything less is a named error, never a board with fewer corners.
 
 mod board;
+mod complete;
+mod find;
 mod grid;
+mod pattern;
 mod refine;
 mod regular;
 mod response;
 mod saddle;
+mod scale;
 
-pub use board::{BoardCorners, BoardNotFound, detect_board, find_board, refine_board};
+pub use board::{BoardCorners, BoardNotFound, detect_board, refine_board};
+pub use find::find_board;
 pub use refine::{RefineOptions, refine_corner};
 pub use regular::{Irregular, irregular_corner};
 

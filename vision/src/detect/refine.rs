@@ -9,8 +9,9 @@ use nalgebra::{Matrix2, Point2, Vector2};
 /// Settings of the refinement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RefineOptions {
-    /// Greatest half width of the window \[px\]; a corner's own is also at most a quarter of
-    /// the distance to its nearest neighbour, so that no other edge enters it.
+    /// Greatest half width of the window in images up to 640 px wide \[px\], proportionally more
+    /// in wider ones. A corner's own is also at most a quarter of the distance to its nearest
+    /// neighbour, so that no other edge enters it, and a third where that does not do.
     pub max_half_width: usize,
     /// Greatest number of iterations.
     pub max_iterations: usize,
@@ -26,12 +27,12 @@ impl Default for RefineOptions {
 }
 
 /// Half width above which the buffers do not suffice \[px\].
-const LARGEST: usize = 12;
+const LARGEST: usize = 30;
 /// A step below this ends the iteration \[px\].
 const SETTLED: f64 = 1e-3;
 
 /// The crossing near `start`; `None` if the iteration leaves the window or does not settle.
-/// The half width is limited to 2..=12.
+/// The half width is limited to 2..=30.
 pub fn refine_corner(
     image: &GrayImage,
     start: Point2<f64>,

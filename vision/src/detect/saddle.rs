@@ -36,19 +36,20 @@ impl Saddle {
 }
 
 const SAMPLES: usize = 32;
-const RADIUS: f64 = 5.0;
+/// Radius of the ring on which a crossing is read, where its squares are large enough \[px\].
+pub(super) const RADIUS: f64 = 5.0;
 
-/// Reads the ring around `at`: a crossing shows exactly four changes between dark and bright,
-/// opposite in pairs. `None` if this is no crossing, or too near to the border.
-pub(super) fn saddle_at(image: &GrayImage, at: Point2<f64>) -> Option<Saddle> {
-    let margin = RADIUS + 1.5;
+/// Reads the ring of `radius` around `at`: a crossing shows exactly four changes between dark and
+/// bright, opposite in pairs. `None` if this is no crossing, or too near to the border.
+pub(super) fn saddle_at(image: &GrayImage, at: Point2<f64>, radius: f64) -> Option<Saddle> {
+    let margin = radius + 1.5;
     let (w, h) = (image.width() as f64, image.height() as f64);
     if !(at.x >= margin && at.y >= margin && at.x < w - margin && at.y < h - margin) {
         return None;
     }
     let mut ring = [0.0; SAMPLES];
     for (value, (c, s)) in ring.iter_mut().zip(circle()) {
-        *value = bilinear(image, at.x + RADIUS * c, at.y + RADIUS * s);
+        *value = bilinear(image, at.x + radius * c, at.y + radius * s);
     }
     let mut smooth = [0.0; SAMPLES];
     for k in 0..SAMPLES {
@@ -108,7 +109,7 @@ fn circle() -> impl Iterator<Item = (f64, f64)> {
 }
 
 /// Grey value between pixels; the caller keeps inside the image.
-fn bilinear(image: &GrayImage, x: f64, y: f64) -> f64 {
+pub(super) fn bilinear(image: &GrayImage, x: f64, y: f64) -> f64 {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

@@ -13,7 +13,9 @@ const STAMPS: &str = "stamps.csv";
 /// Its first line.
 const HEADER: &str = "left,right,left_ns,right_ns";
 /// Endings of image files.
-const ENDINGS: [&str; 5] = ["png", "jpg", "jpeg", "pgm", "pnm"];
+const ENDINGS: [&str; 9] = [
+    "png", "jpg", "jpeg", "pgm", "pnm", "bmp", "tif", "tiff", "webp",
+];
 
 /// A folder that holds no sequence of pairs.
 #[derive(Debug, thiserror::Error)]
@@ -27,7 +29,7 @@ pub enum FolderError {
         source: std::io::Error,
     },
     /// No images are there.
-    #[error("{}: no images `left*` and `right*` (PNG, JPEG, PGM)", folder.display())]
+    #[error("{}: no images `left*` and `right*` (PNG, JPEG, PGM, BMP, TIFF, WebP)", folder.display())]
     Empty {
         /// The folder.
         folder: PathBuf,
@@ -85,7 +87,7 @@ struct Recorded {
 /// Pairs of images in a folder, played back by their time stamps.
 ///
 /// The folder holds images of equal size whose names begin with `left` and `right` (PNG, JPEG,
-/// PGM). Time stamps, in nanoseconds on one clock, either follow in the names
+/// PGM, BMP, TIFF, WebP). Time stamps, in nanoseconds on one clock, either follow in the names
 /// (`left_1700000000033333333.png`; both cameras' images are then paired in the order of their
 /// stamps), or stand in `stamps.csv`, which then also names the files:
 ///

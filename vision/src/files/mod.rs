@@ -1,21 +1,24 @@
 //! Calibrations as files that other tools read: ROS `camera_info` YAML and OpenCV
 //! `FileStorage` YAML; images, folders of them, and pictures of what was tracked in them.
 
+mod calibration;
 mod camera_info;
 mod folder;
+mod kalibr;
+mod images;
 mod opencv;
 mod overlay;
-mod yaml;
 
-pub use camera_info::{CameraInfo, camera_info, read_camera_info};
+pub use calibration::{ReadCalibration, ReadOptions, read_calibration, read_camera};
+pub use camera_info::{CameraInfo, camera_info, camera_info_of, read_camera_info};
 pub use folder::{FolderError, ImageFolder};
+pub use images::{read_image, read_images, same_size};
+pub use kalibr::camchain;
 pub use opencv::{StereoFile, read_stereo, stereo_yml};
 pub use overlay::write_overlay;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-
-use hal::GrayImage;
 
 /// A file that could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -60,7 +63,59 @@ pub enum FileError {
         /// What the parser said, with line and key.
         source: serde_json::Error,
     },
-    /// A key is missing or of another kind.
+    /// The file is no XML.
+    #[error("{}: not XML: {reason}", path.display())]
+    Xml {
+        /// The file.
+        path: PathBuf,
+        /// What the parser said.
+        reason: String,
+    },
+    /// A file of another kind.
+    #[error("{}: {what}; {remedy}", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        what: String,
+        /// The way round.
+        remedy: String,
+    },
+    /// A key is missing.
+    #[error("{files}: no `{key}` ({meaning}); the file has {found}")]
+    MissingKey {
+        /// The files searched.
+        files: String,
+        /// The key.
+        key: String,
+        /// What it would hold, and its other names.
+        meaning: String,
+        /// The keys that are there.
+        found: String,
+    },
+    /// A lens that is not supported, or not what its label says.
+    #[error("{}: key `{key}`: {why}", path.display())]
+    Lens {
+        /// The file.
+        path: PathBuf,
+        /// The key.
+        key: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// A baseline that is not plausible in metres.
+    #[error("{}: key `{key}`: baseline {baseline_m:.4} m: {remedy}", path.display())]
+    Baseline {
+        /// The file.
+        path: PathBuf,
+        /// The key that holds it.
+        key: String,
+        /// The baseline \[m\].
+        baseline_m: f64,
+        /// What to do.
+        remedy: String,
+    },
+    /// A key is of another kind.
     #[error("{}: key `{key}`: expected {expected}", path.display())]
     Key {
         /// The file.
@@ -126,92 +181,6 @@ pub enum FileError {
     },
 }
 
-/// Reads an image as grey values.
-///
-/// # Errors
-/// The file cannot be read or decoded.
-pub fn read_image(path: &Path) -> Result<GrayImage, FileError> {
-    let bytes = fs::read(path).map_err(|source| FileError::Io {
-        path: path.to_owned(),
-        source,
-    })?;
-    let image = image::load_from_memory(&bytes)
-        .map_err(|source| FileError::Image {
-            path: path.to_owned(),
-            source,
-        })?
-        .into_luma8();
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    let mut grey = GrayImage::filled(width, height, 0);
-    grey.pixels_mut().copy_from_slice(image.as_raw());
-    Ok(grey)
-}
-
-/// The size that all images have, from their headers alone \[px\]; zero without images.
-///
-/// # Errors
-/// A file cannot be read, is no image, or differs in size from the first.
-pub fn same_size<'a>(
-    paths: impl IntoIterator<Item = &'a PathBuf>,
-) -> Result<(usize, usize), FileError> {
-    let mut first: Option<(&PathBuf, (usize, usize))> = None;
-    for path in paths {
-        let io = |source| FileError::Io {
-            path: path.clone(),
-            source,
-        };
-        let (width, height) = image::ImageReader::open(path)
-            .and_then(image::ImageReader::with_guessed_format)
-            .map_err(io)?
-            .into_dimensions()
-            .map_err(|source| FileError::Image {
-                path: path.clone(),
-                source,
-            })?;
-        let size = (width as usize, height as usize);
-        match first {
-            None => first = Some((path, size)),
-            Some((_, (first_width, first_height))) if size == (first_width, first_height) => {}
-            Some((first, (first_width, first_height))) => {
-                return Err(FileError::MixedSizes {
-                    path: path.clone(),
-                    width: size.0,
-                    height: size.1,
-                    first: first.clone(),
-                    first_width,
-                    first_height,
-                });
-            }
-        }
-    }
-    Ok(first.map_or((0, 0), |(_, size)| size))
-}
-
-/// Reads images that must all have the same size.
-///
-/// # Errors
-/// A file cannot be read or decoded, or differs in size from the first.
-pub fn read_images(paths: &[PathBuf]) -> Result<Vec<GrayImage>, FileError> {
-    let mut images: Vec<GrayImage> = Vec::with_capacity(paths.len());
-    for path in paths {
-        let image = read_image(path)?;
-        if let (Some(first), Some(first_path)) = (images.first(), paths.first())
-            && (first.width(), first.height()) != (image.width(), image.height())
-        {
-            return Err(FileError::MixedSizes {
-                path: path.clone(),
-                width: image.width(),
-                height: image.height(),
-                first: first_path.clone(),
-                first_width: first.width(),
-                first_height: first.height(),
-            });
-        }
-        images.push(image);
-    }
-    Ok(images)
-}
-
 /// Writes whole files or none: each text first goes to a file beside its place, and only when
 /// all are on disk do they take their names.
 ///
@@ -242,9 +211,14 @@ pub fn write_all(files: &[(PathBuf, String)]) -> Result<(), FileError> {
         .try_for_each(|(path, _)| fs::rename(aside(path), path).map_err(refused(path)))
 }
 
-fn read_text(path: &Path) -> Result<String, FileError> {
-    fs::read_to_string(path).map_err(|source| FileError::Io {
-        path: path.to_owned(),
-        source,
-    })
+/// A number with all its digits, with a point as OpenCV's reader needs it.
+fn digits(value: f64) -> String {
+    format!("{value:.16e}")
+}
+
+/// Numbers on lines of at most four.
+fn list(values: impl IntoIterator<Item = f64>) -> String {
+    let words: Vec<String> = values.into_iter().map(digits).collect();
+    let lines: Vec<String> = words.chunks(4).map(|c| c.join(", ")).collect();
+    lines.join(",\n      ")
 }

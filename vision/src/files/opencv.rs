@@ -4,23 +4,22 @@
 use core::fmt::Write as _;
 use std::path::Path;
 
-use hal::Transform;
-use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, SMatrix, Unit, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Matrix3, Unit, Vector3};
 
-use super::FileError;
-use super::camera_info::{camera, camera_info, distortion};
-use super::yaml::{Document, digits, list};
+use super::calibration::{Affix, Keys, NEITHER, ReadOptions, read_calibration};
+use super::camera_info::camera_info;
+use super::{FileError, digits, list};
 use crate::calibrate::StereoCalibration;
-use crate::camera::{Container, FlatWindow, StereoRig};
+use crate::camera::{Camera, Container, FlatWindow, StereoRig};
 
 /// A stereo rig as its file holds it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StereoFile {
     /// The rig.
     pub rig: StereoRig,
-    /// Covariance of its 24 parameters, in the order of
+    /// Covariance of its parameters (24 of two Brown-Conrady lenses), in the order of
     /// [`StereoCalibration::covariance`]; `None` in files of other programs.
-    pub covariance: Option<SMatrix<f64, 24, 24>>,
+    pub covariance: Option<DMatrix<f64>>,
     /// Standard deviation of a corner, per axis \[px\].
     pub corner_sigma_px: Option<f64>,
 }
@@ -29,7 +28,7 @@ impl From<&StereoCalibration> for StereoFile {
     fn from(c: &StereoCalibration) -> Self {
         Self {
             rig: c.rig,
-            covariance: Some(c.covariance),
+            covariance: Some(c.covariance.clone()),
             corner_sigma_px: Some(c.corner_sigma_px),
         }
     }
@@ -42,7 +41,15 @@ impl StereoFile {
     /// # Errors
     /// Width or height differ.
     pub fn check_size(&self, path: &Path, width: usize, height: usize) -> Result<(), FileError> {
-        for c in [&self.rig.left, &self.rig.right] {
+        self.check_sizes(path, [(width, height); 2])
+    }
+
+    /// The same with a size for each camera, left first.
+    ///
+    /// # Errors
+    /// Width or height differ.
+    pub fn check_sizes(&self, path: &Path, sizes: [(usize, usize); 2]) -> Result<(), FileError> {
+        for (c, (width, height)) in [&self.rig.left, &self.rig.right].into_iter().zip(sizes) {
             if (c.width, c.height) != (width, height) {
                 return Err(FileError::OtherCamera {
                     path: path.to_owned(),
@@ -74,16 +81,27 @@ pub fn stereo_yml(file: &StereoFile) -> String {
     }
     let info = camera_info(rig);
     let square = |m: &Matrix3<f64>| DMatrix::from_column_slice(3, 3, m.as_slice());
-    let row = |d: [f64; 5]| DMatrix::from_row_slice(1, 5, &d);
+    let row = |d: Vec<f64>| DMatrix::from_row_slice(1, d.len(), &d);
     let projection = |k: usize| DMatrix::from_column_slice(3, 4, info[k].projection.as_slice());
     let mut text = String::from("%YAML:1.0\n---\n");
     let _ = writeln!(text, "image_width: {}", rig.left.width);
     let _ = writeln!(text, "image_height: {}", rig.left.height);
+    if (rig.right.width, rig.right.height) != (rig.left.width, rig.left.height) {
+        let _ = writeln!(text, "right_image_width: {}", rig.right.width);
+        let _ = writeln!(text, "right_image_height: {}", rig.right.height);
+    }
+    let models = [&rig.left, &rig.right].map(|c| c.distortion.model.name());
+    if models[0] == models[1] {
+        let _ = writeln!(text, "distortion_model: {}", models[0]);
+    } else {
+        let _ = writeln!(text, "distortion_model1: {}", models[0]);
+        let _ = writeln!(text, "distortion_model2: {}", models[1]);
+    }
     for (key, m) in [
         ("M1", square(&rig.left.matrix())),
-        ("D1", row(rig.left.distortion.to_array())),
+        ("D1", row(rig.left.distortion.coefficients())),
         ("M2", square(&rig.right.matrix())),
-        ("D2", row(rig.right.distortion.to_array())),
+        ("D2", row(rig.right.distortion.coefficients())),
         ("R", square(&r)),
         ("T", DMatrix::from_column_slice(3, 1, t.as_slice())),
         ("E", square(&essential)),
@@ -99,10 +117,7 @@ pub fn stereo_yml(file: &StereoFile) -> String {
         let _ = writeln!(text, "corner_sigma_px: {}", digits(sigma));
     }
     if let Some(c) = &file.covariance {
-        text += &matrix(
-            "covariance",
-            &DMatrix::from_column_slice(24, 24, c.as_slice()),
-        );
+        text += &matrix("covariance", c);
     }
     if let Some(c) = &rig.container {
         text += &window("left_window", &c.left);
@@ -132,76 +147,74 @@ fn window(key: &str, w: &FlatWindow) -> String {
     )
 }
 
-/// Reads a `stereo.yml`: ours, or another program's with the keys `image_width`,
-/// `image_height`, `M1`, `D1`, `M2`, `D2`, `R`, `T` (metres).
+/// Reads a stereo calibration from one file: ours, or another program's
+/// (see [`read_calibration`](super::read_calibration)), in metres.
 ///
 /// # Errors
-/// The file cannot be read, is no YAML, a key is missing or wrong, or the values make no rig.
+/// As [`read_calibration`](super::read_calibration).
 pub fn read_stereo(path: &Path) -> Result<StereoFile, FileError> {
-    let doc = Document::read(path)?;
-    let size = (doc.count("image_width")?, doc.count("image_height")?);
-    let one = |k: &str, d: &str| {
-        let matrix = doc.sized(k, 3, 3)?;
-        camera(&doc, &matrix, distortion(&doc, d)?, size)
-    };
-    let (left, right) = (one("M1", "D1")?, one("M2", "D2")?);
-    let r = doc.sized("R", 3, 3)?;
-    let r = Matrix3::from_column_slice(r.as_slice());
-    if (r * r.transpose() - Matrix3::identity()).amax() > 1e-6 || r.determinant() < 0.0 {
-        return Err(doc.wrong("R", "a rotation matrix"));
-    }
-    let t = doc.matrix("T")?;
-    if t.len() != 3 {
-        return Err(doc.wrong("T", "three numbers"));
-    }
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r));
-    let pose = Isometry3::from_parts(Vector3::from_column_slice(t.as_slice()).into(), rotation);
-    let covariance = if doc.has("covariance") {
-        let c = doc.sized("covariance", 24, 24)?;
-        Some(SMatrix::<f64, 24, 24>::from_column_slice(c.as_slice()))
-    } else {
-        None
-    };
-    let corner_sigma_px = if doc.has("corner_sigma_px") {
-        Some(doc.number("corner_sigma_px")?)
-    } else {
-        None
-    };
-    let container = match (doc.has("left_window"), doc.has("right_window")) {
-        (false, false) => None,
-        _ => Some(Container {
-            left: read_window(&doc, "left_window")?,
-            right: read_window(&doc, "right_window")?,
-        }),
-    };
-    Ok(StereoFile {
-        rig: StereoRig {
-            left,
-            right,
-            right_from_left: Transform::assume(pose),
-            container,
-        },
-        covariance,
-        corner_sigma_px,
-    })
+    let read = read_calibration(&[path.to_owned()], &ReadOptions::default())?;
+    Ok(read.file)
 }
 
-fn read_window(doc: &Document<'_>, key: &str) -> Result<FlatWindow, FileError> {
-    let at = |part: &str| format!("{key}.{part}");
-    let n = doc.sized(&at("normal"), 3, 1)?;
-    let normal = Vector3::from_column_slice(n.as_slice());
-    let normal =
-        Unit::try_new(normal, 1e-6).ok_or_else(|| doc.wrong(&at("normal"), "a direction"))?;
-    FlatWindow {
-        normal,
-        distance: doc.number(&at("distance_m"))?,
-        thickness: doc.number(&at("thickness_m"))?,
-        wall_index: doc.number(&at("wall_index"))?,
-        gel_index: doc.number(&at("gel_index"))?,
-    }
-    .validated()
-    .map_err(|source| FileError::Window {
-        path: doc.path().to_owned(),
-        source,
-    })
+/// Covariance, corner noise and container.
+type Extras = (Option<DMatrix<f64>>, Option<f64>, Option<Container>);
+
+/// What only our own files hold.
+pub(super) fn extras(keys: &Keys, rig: &StereoRig) -> Result<Extras, FileError> {
+    let used = |camera: &Camera| camera.distortion.model.used().len();
+    let size = used(&rig.left) + used(&rig.right) + 6;
+    let covariance = keys
+        .find(NEITHER, &["covariance"])
+        .map(|found| {
+            let m = found.matrix()?;
+            if m.shape() == (size, size) {
+                Ok(m)
+            } else {
+                Err(found.wrong(&format!("a matrix of {size} x {size}")))
+            }
+        })
+        .transpose()?;
+    let sigma = keys
+        .find(NEITHER, &["cornersigmapx"])
+        .map(|found| {
+            let sigma = found.node.number();
+            sigma.ok_or_else(|| found.wrong("a finite number"))
+        })
+        .transpose()?;
+    let window = |group: &'static str| -> Result<Option<FlatWindow>, FileError> {
+        let there = |part: &str| keys.find(Affix(group, ""), &[part]);
+        let Some(normal) = there("normal") else {
+            return Ok(None);
+        };
+        let m = normal.matrix()?;
+        let direction = (m.len() == 3).then(|| Vector3::from_column_slice(m.as_slice()));
+        let direction = direction.and_then(|d| Unit::try_new(d, 1e-6));
+        let number = |part: &str| {
+            let found = there(&part.replace('_', ""));
+            let found = found.ok_or_else(|| keys.missing(part, "of the window"))?;
+            let number = found.node.number();
+            number.ok_or_else(|| found.wrong("a finite number"))
+        };
+        FlatWindow {
+            normal: direction.ok_or_else(|| normal.wrong("a direction"))?,
+            distance: number("distance_m")?,
+            thickness: number("thickness_m")?,
+            wall_index: number("wall_index")?,
+            gel_index: number("gel_index")?,
+        }
+        .validated()
+        .map(Some)
+        .map_err(|source| FileError::Window {
+            path: keys.path().to_owned(),
+            source,
+        })
+    };
+    let container = match (window("leftwindow")?, window("rightwindow")?) {
+        (Some(left), Some(right)) => Some(Container { left, right }),
+        (None, None) => None,
+        (Some(_), None) => return Err(keys.missing("right_window", "a window for each camera")),
+        (None, Some(_)) => return Err(keys.missing("left_window", "a window for each camera")),
+    };
+    Ok((covariance, sigma, container))
 }

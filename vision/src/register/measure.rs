@@ -7,10 +7,14 @@ use nalgebra::{
 };
 
 use super::start::kabsch;
-use crate::camera::{DistortedPx, NoPoint, StereoRig, View, triangulate};
+use crate::camera::{Camera, DistortedPx, NoPoint, StereoRig, triangulate};
 
-/// Parameters of a calibration, in the order of its covariance.
-pub(super) const CALIBRATION: usize = 24;
+/// Number of parameters of a calibration's covariance: those that both lens models use, and six
+/// of the relative pose.
+pub(super) fn parameters(rig: &StereoRig) -> usize {
+    let of = |camera: &Camera| camera.distortion.model.used().len();
+    of(&rig.left) + of(&rig.right) + 6
+}
 
 /// A measured point (translation only) or board pose.
 #[derive(Clone, Debug)]
@@ -129,7 +133,7 @@ fn normal(
     let mut n = Normal {
         information: DMatrix::zeros(size, size),
         gradient: DVector::zeros(size),
-        cross: DMatrix::zeros(size, CALIBRATION),
+        cross: DMatrix::zeros(size, parameters(rig)),
         square: 0.0,
     };
     for (side, view) in rig.views().iter().enumerate() {
@@ -146,32 +150,36 @@ fn normal(
             let e = px - model.0;
             n.information += j.transpose() * &j;
             n.gradient += j.transpose() * e;
-            n.cross += j.transpose() * by_calibration(view, side, &at)?;
+            n.cross += j.transpose() * by_calibration(rig, side, &at)?;
             n.square += e.norm_squared();
         }
     }
     Some(n)
 }
 
-/// Derivative of a projection by the calibration's 24 parameters.
-fn by_calibration(view: &View, side: usize, at: &Vector3<f64>) -> Option<DMatrix<f64>> {
-    let mut j = DMatrix::zeros(2, CALIBRATION);
+/// Derivative of a projection by the calibration's parameters.
+fn by_calibration(rig: &StereoRig, side: usize, at: &Vector3<f64>) -> Option<DMatrix<f64>> {
+    let view = &rig.views()[side];
+    let mut j = DMatrix::zeros(2, parameters(rig));
     let p = (view.camera_from_left * Point3::from(*at)).coords;
     let direction = match &view.window {
         None => p,
         Some(w) => w.direction_to(&p)?.direction,
     };
     let intrinsic = view.camera.project_with_all_derivatives(&direction)?;
-    j.view_mut((0, 9 * side), (2, 9))
-        .copy_from(&intrinsic.by_intrinsics);
+    let first = side * rig.left.distortion.model.used().len();
+    for (k, &place) in view.camera.distortion.model.used().iter().enumerate() {
+        j.set_column(first + k, &intrinsic.by_intrinsics.column(place));
+    }
     if side == 1 {
         // Translation and rotation of right-from-left, along the right camera's axes.
         let (_, by_left) = view.project_with_derivative(at)?;
         let rotation = view.camera_from_left.rotation.to_rotation_matrix();
         let by_right: Matrix2x3<f64> = by_left * rotation.matrix().transpose();
         let turned = view.camera_from_left.rotation * at;
-        j.view_mut((0, 18), (2, 3)).copy_from(&by_right);
-        j.view_mut((0, 21), (2, 3))
+        let pose = parameters(rig) - 6;
+        j.view_mut((0, pose), (2, 3)).copy_from(&by_right);
+        j.view_mut((0, pose + 3), (2, 3))
             .copy_from(&(-by_right * turned.cross_matrix()));
     }
     Some(j)

@@ -1,9 +1,9 @@
 //! The most likely registration.
 
 use hal::Transform;
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, SMatrix, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};
 
-use super::measure::{CALIBRATION, Measured, board, point};
+use super::measure::{Measured, board, point};
 use super::start::{hand_eye, kabsch, point_on_flange};
 use super::{RecordedPose, Registration, RegistrationError, RegistrationOptions, Target};
 use crate::camera::StereoRig;
@@ -17,7 +17,7 @@ use crate::camera::StereoRig;
 /// See [`RegistrationError`].
 pub fn register(
     rig: &StereoRig,
-    calibration: Option<&SMatrix<f64, 24, 24>>,
+    calibration: Option<&DMatrix<f64>>,
     target: &Target,
     poses: &[RecordedPose],
     options: &RegistrationOptions,
@@ -56,7 +56,7 @@ pub fn register(
     let of_poses = factor.inverse() * chi2_per_freedom.max(1.0);
     let through = -factor.solve(&n.cross);
     let mut total = of_poses.clone();
-    if let Some(c) = calibration {
+    if let Some(c) = calibration.filter(|c| c.nrows() == through.ncols()) {
         total += &through * c * through.transpose();
     }
     let six = |m: &DMatrix<f64>| m.fixed_view::<6, 6>(0, 0).into_owned();
@@ -263,7 +263,10 @@ fn normal(
     let mut n = Normal {
         information: DMatrix::zeros(unknowns, unknowns),
         gradient: DVector::zeros(unknowns),
-        cross: DMatrix::zeros(unknowns, CALIBRATION),
+        cross: DMatrix::zeros(
+            unknowns,
+            seen.first().map_or(0, |m| m.by_calibration.ncols()),
+        ),
         chi2: 0.0,
         rows: rows * seen.len(),
         distances: Vec::with_capacity(seen.len()),

@@ -51,7 +51,8 @@ pub fn advice(c: &StereoCalibration) -> Vec<Advice> {
         );
     }
     let sigmas = c.sigmas();
-    let focal = 100.0 * (sigmas[0] / c.rig.left.fx).max(sigmas[9] / c.rig.right.fx);
+    let right = c.rig.left.distortion.model.used().len();
+    let focal = 100.0 * (sigmas[0] / c.rig.left.fx).max(sigmas[right] / c.rig.right.fx);
     line(
         focal <= 0.1,
         format!(
@@ -63,7 +64,7 @@ pub fn advice(c: &StereoCalibration) -> Vec<Advice> {
             }
         ),
     );
-    let turn = sigmas.fixed_rows::<3>(21).norm() * 1e3;
+    let turn = sigmas.rows(sigmas.len() - 3, 3).norm() * 1e3;
     line(
         turn <= 0.5,
         format!(

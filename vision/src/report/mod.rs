@@ -8,6 +8,7 @@ pub use advice::advice;
 use core::fmt::Write as _;
 
 use crate::calibrate::StereoCalibration;
+use crate::camera::INTRINSICS;
 
 /// A plot that could not be drawn.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -17,12 +18,47 @@ pub struct ReportError {
     pub reason: String,
 }
 
-/// Names of the covariance's parameters, in its order.
-pub const PARAMETERS: [&str; 24] = [
-    "left fx", "left fy", "left cx", "left cy", "left k1", "left k2", "left p1", "left p2",
-    "left k3", "right fx", "right fy", "right cx", "right cy", "right k1", "right k2", "right p1",
-    "right p2", "right k3", "T x", "T y", "T z", "R x", "R y", "R z",
+/// Names of a camera's parameters, in the order of [`crate::Camera::intrinsics`].
+const INTRINSIC: [&str; INTRINSICS] = [
+    "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6",
 ];
+
+/// A parameter of the covariance: its name, value, unit, and what makes that unit of SI's.
+struct Parameter {
+    name: String,
+    value: f64,
+    unit: &'static str,
+    scale: f64,
+}
+
+/// The covariance's parameters, in its order.
+fn listed(c: &StereoCalibration) -> Vec<Parameter> {
+    let mut all = Vec::with_capacity(c.covariance.nrows());
+    for (side, camera) in [("left", &c.rig.left), ("right", &c.rig.right)] {
+        let values = camera.intrinsics();
+        for &k in camera.distortion.model.used() {
+            all.push(Parameter {
+                name: format!("{side} {}", INTRINSIC[k]),
+                value: values[k],
+                unit: if k < 4 { "px" } else { "" },
+                scale: 1.0,
+            });
+        }
+    }
+    let pose = c.rig.right_from_left.isometry();
+    let turn = pose.rotation.scaled_axis();
+    for (what, unit, vector) in [("T", "mm", pose.translation.vector), ("R", "mrad", turn)] {
+        for (axis, value) in ["x", "y", "z"].into_iter().zip(vector.iter()) {
+            all.push(Parameter {
+                name: format!("{what} {axis}"),
+                value: value * 1e3,
+                unit,
+                scale: 1e3,
+            });
+        }
+    }
+    all
+}
 
 const STYLE: &str = "body{font:15px/1.45 sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;\
 color:#222}table{border-collapse:collapse;margin:.6em 0}td,th{padding:.15em .8em;text-align:right;\
@@ -99,7 +135,7 @@ fn figures(c: &StereoCalibration) -> String {
             format!("{:.4}, {:.4} px", c.left_rms_px, c.right_rms_px),
         ),
         (
-            "rectified vertical difference, RMS and greatest",
+            "rectified difference across the baseline, RMS and greatest",
             format!(
                 "{:.4}, {:.3} px",
                 c.rectified_dy.rms_px, c.rectified_dy.max_px
@@ -118,27 +154,16 @@ fn figures(c: &StereoCalibration) -> String {
 }
 
 fn parameters(c: &StereoCalibration) -> String {
-    let pose = c.rig.right_from_left.isometry();
-    let turn = pose.rotation.scaled_axis();
-    let mut values = Vec::with_capacity(24);
-    values.extend(c.rig.left.intrinsics());
-    values.extend(c.rig.right.intrinsics());
-    values.extend(pose.translation.vector.iter().map(|t| t * 1e3));
-    values.extend(turn.iter().map(|r| r * 1e3));
+    let all = listed(c);
     let sigmas = c.sigmas();
     let mut table = String::from(
         "<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th><th>value</th><th>sigma</th>\
          <th>strongest correlation</th></tr>\n",
     );
-    for (k, (name, value)) in PARAMETERS.iter().zip(&values).enumerate() {
-        let (unit, scale) = match k {
-            18..21 => ("mm", 1e3),
-            21.. => ("mrad", 1e3),
-            _ if k % 9 < 4 => ("px", 1.0),
-            _ => ("", 1.0),
-        };
+    for (k, p) in all.iter().enumerate() {
+        let (name, value, unit) = (&p.name, p.value, p.unit);
         let mut strongest = (k, 0.0_f64);
-        for j in 0..24 {
+        for j in 0..all.len() {
             let r = c.correlation(k, j);
             if j != k && r.abs() > strongest.1.abs() {
                 strongest = (j, r);
@@ -147,9 +172,9 @@ fn parameters(c: &StereoCalibration) -> String {
         let _ = writeln!(
             table,
             "<tr><td>{name}</td><td>{value:.5} {unit}</td><td>{:.5}</td><td>{:+.3} with {}</td></tr>",
-            sigmas[k] * scale,
+            sigmas[k] * p.scale,
             strongest.1,
-            PARAMETERS[strongest.0]
+            all[strongest.0].name
         );
     }
     table + "</table>\n"

@@ -102,7 +102,7 @@ pub(super) fn coverage(c: &StereoCalibration, side: usize) -> Result<String, Rep
     .svg()
 }
 
-/// Vertical differences after rectification along the rows of the left image.
+/// Differences across the baseline after rectification, along the rows of the left image.
 pub(super) fn epipolar(c: &StereoCalibration) -> Result<String, ReportError> {
     let mut points = Vec::new();
     if let Some(r) = rectify(&c.rig) {
@@ -111,14 +111,15 @@ pub(super) fn epipolar(c: &StereoCalibration) -> Result<String, ReportError> {
                 let left = r.map(&c.rig, 0, DistortedPx(*a));
                 let right = r.map(&c.rig, 1, DistortedPx(*b));
                 if let (Some(left), Some(right)) = (left, right) {
-                    points.push((a.x, left.y - right.y));
+                    let across = usize::from(!r.vertical);
+                    points.push((a.x, left[across] - right[across]));
                 }
             }
         }
     }
     let reach = points.iter().fold(0.5_f64, |m, p| m.max(p.1.abs())) * 1.05;
     Scatter {
-        title: "Epipolar error: left row - right row, rectified",
+        title: "Epipolar error: left - right across the baseline, rectified",
         x: (
             "column in the left image [px]",
             0.0,

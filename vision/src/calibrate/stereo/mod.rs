@@ -9,13 +9,14 @@ pub use outcome::{Influence, RejectReason, Rejected, StereoCalibration, ViewFit}
 use core::fmt::Write as _;
 
 use hal::Transform;
-use nalgebra::{Isometry3, Point2, SMatrix};
+use nalgebra::{Isometry3, Point2};
 
 use super::bundle::{Minimum, NoMinimum, minimise};
+use super::determined::{no_fit, well_posed};
 use super::monocular::{Monocular, fit};
 use super::normal::{INTRINSICS, Observed};
-use super::{Board, bundle, rectified_dy, zhang};
-use crate::camera::StereoRig;
+use super::{Board, ImageSizes, rectified_dy};
+use crate::camera::{LensModel, StereoRig};
 use crate::detect::irregular_corner;
 use joint::Joint;
 
@@ -42,6 +43,8 @@ pub struct StereoOptions {
     pub corner_limit_px: f64,
     /// A view is rejected when its RMS exceeds this \[px\] and three times the median view's.
     pub view_limit_px: f64,
+    /// The model of both lenses.
+    pub lens: LensModel,
 }
 
 impl Default for StereoOptions {
@@ -50,6 +53,7 @@ impl Default for StereoOptions {
             huber_px: 1.0,
             corner_limit_px: 1.0,
             view_limit_px: 0.5,
+            lens: LensModel::PlumbBob,
         }
     }
 }
@@ -67,6 +71,17 @@ pub enum CalibrationError {
         usable: usize,
         /// Pairs that were rejected, and why.
         rejected: Vec<Rejected>,
+    },
+    /// Fewer images of a single camera than a calibration needs.
+    #[error(
+        "{usable} usable images of boards, at least 3 are needed{}",
+        rejected.iter().fold(String::new(), |list, r| list + "; " + r)
+    )]
+    TooFewImages {
+        /// Usable images.
+        usable: usize,
+        /// Images that were rejected, and why.
+        rejected: Vec<String>,
     },
     /// The square's side is no length, or the board has too few corners.
     #[error("a board of {cols} x {rows} inner corners with squares of {square_m} m")]
@@ -116,10 +131,29 @@ pub enum CalibrationError {
         focal_sigma_percent: f64,
     },
     /// The fit did not settle.
-    #[error("the {stage} fit found no minimum: the corners contradict each other")]
+    #[error(
+        "the {stage} fit found no minimum: the corners contradict each other{}; look at the \
+         board in that image, leave it out, or take more views",
+        suspect.as_ref().map_or_else(String::new, |name| format!(", most in {name}"))
+    )]
     NoMinimum {
         /// `left`, `right` or `joint`.
         stage: &'static str,
+        /// The image without which there is a minimum, or else the one a plane explains worst.
+        suspect: Option<String>,
+    },
+    /// Both cameras stand at one place.
+    #[error(
+        "the cameras stand at one place (baseline {:.3} mm, boards {:.0} mm away): were the \
+         images of one camera given twice?",
+        baseline_m * 1e3,
+        distance_m * 1e3
+    )]
+    SamePlace {
+        /// Distance of the cameras.
+        baseline_m: f64,
+        /// Median distance of the boards.
+        distance_m: f64,
     },
 }
 
@@ -140,10 +174,11 @@ fn listed(rejected: &[Rejected]) -> String {
 pub fn calibrate_stereo(
     board: &Board,
     pairs: &[BoardPair],
-    image_size: (usize, usize),
+    image_sizes: impl Into<ImageSizes>,
     already_rejected: Vec<Rejected>,
     options: &StereoOptions,
 ) -> Result<StereoCalibration, CalibrationError> {
+    let ImageSizes(sizes) = image_sizes.into();
     let mut rejected = already_rejected;
     let pairs = checked(board, pairs, &mut rejected)?;
     let points = board.points();
@@ -160,15 +195,21 @@ pub fn calibrate_stereo(
                 rejected,
             });
         }
-        let corners = [0, 1].map(|s: usize| used.iter().map(|&k| sides[s][k]).collect::<Vec<_>>());
         let kept = [0, 1].map(|s: usize| {
             used.iter()
                 .map(|&k| observed[s][k].clone())
                 .collect::<Vec<_>>()
         });
         let mono = |s: usize, stage| {
-            fit(&points, &corners[s], &kept[s], image_size, options.huber_px)
-                .map_err(|_: NoMinimum| no_fit(stage, &points, &corners[s], image_size))
+            fit(&points, &kept[s], sizes[s], options.lens, options.huber_px).map_err(
+                |_: NoMinimum| {
+                    let name = |k: usize| {
+                        let pair = &pairs[used[k]];
+                        [&pair.left_name, &pair.right_name][s].clone()
+                    };
+                    no_fit(stage, &points, &kept[s], sizes[s], options, name)
+                },
+            )
         };
         let (left, right) = (mono(0, "left")?, mono(1, "right")?);
         well_posed("left", &left)?;
@@ -183,9 +224,13 @@ pub fn calibrate_stereo(
             observed: [&kept[0], &kept[1]],
             huber_px: options.huber_px,
         })
-        .map_err(|_| CalibrationError::NoMinimum { stage: "joint" })?;
+        .map_err(|_| CalibrationError::NoMinimum {
+            stage: "joint",
+            suspect: None,
+        })?;
         let found = reject::reject(&joint.bundle, &used, &pairs, &mut observed, options);
         if found.rejected.is_empty() {
+            apart(&joint.bundle)?;
             let rig = StereoRig {
                 left: joint.bundle.left,
                 right: joint.bundle.right,
@@ -203,7 +248,10 @@ pub fn calibrate_stereo(
                 dy,
                 rejected,
             )
-            .ok_or(CalibrationError::NoMinimum { stage: "joint" });
+            .ok_or(CalibrationError::NoMinimum {
+                stage: "joint",
+                suspect: None,
+            });
         }
         rejected.extend(found.rejected);
         used.retain(|k| !found.views.contains(k));
@@ -263,70 +311,24 @@ fn all_of(corners: &[&[Point2<f64>]]) -> Vec<Observed> {
         .collect()
 }
 
-/// With less than five degrees between all boards, focal length and distance are hardly
-/// separable \[rad\].
-const LEAST_SPREAD: f64 = 0.087;
+/// Cameras nearer to each other than this part of the boards' distance are one camera: the
+/// depth that such a pair sees is noise.
+const LEAST_BASELINE: f64 = 1e-3;
 
-/// Greatest angle between two boards' normals.
-fn normal_spread(camera_from_board: &[Isometry3<f64>]) -> f64 {
-    let normal = |p: &Isometry3<f64>| p.rotation * nalgebra::Vector3::z();
-    let mut spread = 0.0_f64;
-    for (k, a) in camera_from_board.iter().enumerate() {
-        for b in &camera_from_board[..k] {
-            spread = spread.max(normal(a).angle(&normal(b)));
-        }
-    }
-    spread
-}
-
-/// Why a monocular fit found no minimum: parallel views leave it a valley.
-fn no_fit(
-    camera: &'static str,
-    board: &[Point2<f64>],
-    corners: &[&[Point2<f64>]],
-    image_size: (usize, usize),
-) -> CalibrationError {
-    let spread = zhang::start(board, corners, image_size)
-        .map(|s| normal_spread(&s.camera_from_board))
-        .filter(|&s| s < 2.0 * LEAST_SPREAD);
-    match spread {
-        Some(spread) => CalibrationError::Degenerate {
-            camera,
-            spread_deg: spread.to_degrees(),
-            focal_sigma_percent: f64::INFINITY,
-        },
-        None => CalibrationError::NoMinimum { stage: camera },
-    }
-}
-
-/// Refuses views that do not determine a camera.
-fn well_posed(
-    camera: &'static str,
-    fit: &Minimum<Monocular<'_>, INTRINSICS>,
-) -> Result<(), CalibrationError> {
-    let spread = normal_spread(&fit.bundle.camera_from_board);
-    let information = fit
-        .blocks
+/// Refuses a rig without a baseline.
+fn apart(joint: &Joint<'_>) -> Result<(), CalibrationError> {
+    let mut distances: Vec<f64> = joint
+        .left_from_board
         .iter()
-        .try_fold(SMatrix::<f64, INTRINSICS, INTRINSICS>::zeros(), |sum, b| {
-            Some(sum + bundle::reduced(b)?.0)
-        });
-    let corners: usize = fit.bundle.observed.iter().flatten().flatten().count();
-    let freedom = (2 * corners)
-        .saturating_sub(INTRINSICS + 6 * fit.blocks.len())
-        .max(1);
-    let variance = fit.cost / freedom as f64;
-    let sigma = information
-        .and_then(|i| bundle::inverse(&i))
-        .map_or(f64::INFINITY, |c| {
-            (c[(0, 0)].max(c[(1, 1)]) * variance).sqrt()
-        });
-    let focal_sigma_percent = 100.0 * sigma / fit.bundle.camera.fx;
-    if spread < LEAST_SPREAD || focal_sigma_percent.is_nan() || focal_sigma_percent > 5.0 {
-        return Err(CalibrationError::Degenerate {
-            camera,
-            spread_deg: spread.to_degrees(),
-            focal_sigma_percent,
+        .map(|pose| pose.translation.vector.norm())
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    let distance_m = distances.get(distances.len() / 2).copied().unwrap_or(0.0);
+    let baseline_m = joint.right_from_left.translation.vector.norm();
+    if baseline_m < LEAST_BASELINE * distance_m {
+        return Err(CalibrationError::SamePlace {
+            baseline_m,
+            distance_m,
         });
     }
     Ok(())

@@ -4,7 +4,7 @@ use core::fmt;
 
 use hal::Transform;
 use hal::frame::{Board as BoardFrame, LeftCamera};
-use nalgebra::{Isometry3, SMatrix, SVector, Vector2};
+use nalgebra::{DMatrix, DVector, Isometry3, SMatrix, SVector, Vector2};
 
 use super::super::bundle::{Minimum, inverse, reduced};
 use super::super::monocular::Monocular;
@@ -22,10 +22,10 @@ pub struct StereoCalibration {
     pub rig: StereoRig,
     /// The board.
     pub board: Board,
-    /// Covariance of the parameters: left fx fy cx cy k1 k2 p1 p2 k3, the right camera's nine,
-    /// translation \[m\] and rotation \[rad\] of right-from-left, both along the right camera's
-    /// axes.
-    pub covariance: SMatrix<f64, SHARED, SHARED>,
+    /// Covariance of the parameters: left fx fy cx cy and the lens model's coefficients
+    /// (k1 k2 p1 p2 k3), the right camera's, translation \[m\] and rotation \[rad\] of
+    /// right-from-left, both along the right camera's axes.
+    pub covariance: DMatrix<f64>,
     /// Standard deviation of a corner, per axis, that the residuals imply \[px\].
     pub corner_sigma_px: f64,
     /// RMS over the corners of both cameras of their distance from the joint fit \[px\].
@@ -155,7 +155,7 @@ impl fmt::Display for Rejected {
 
 impl StereoCalibration {
     /// Standard deviations of the parameters, in the covariance's order.
-    pub fn sigmas(&self) -> SVector<f64, SHARED> {
+    pub fn sigmas(&self) -> DVector<f64> {
         self.covariance.diagonal().map(f64::sqrt)
     }
 
@@ -191,11 +191,12 @@ pub(super) fn outcome(
     }
     let unit = inverse(&information)?;
     let corners = count(bundle.observed[0]) + count(bundle.observed[1]);
-    let parameters = SHARED + 6 * pairs.len();
+    let parameters = used_parameters(rig).len() + 6 * pairs.len();
     let freedom = (2 * corners).checked_sub(parameters).filter(|&f| f > 0)?;
     let variance = joint.cost / freedom as f64;
     let covariance = unit * variance;
     let sigma = covariance.diagonal().map(f64::sqrt);
+    let used = used_parameters(rig);
 
     let mut views = Vec::with_capacity(pairs.len());
     for (k, pair) in pairs.iter().enumerate() {
@@ -219,7 +220,11 @@ pub(super) fn outcome(
         let without = inverse(&(information - per_view[k].0));
         let change = without.map_or_else(
             || SVector::repeat(f64::INFINITY),
-            |c| (c * -per_view[k].1).component_div(&sigma),
+            |c| {
+                let change = c * -per_view[k].1;
+                // Parameters that the lens model does not use neither change nor vary.
+                change.zip_map(&sigma, |c, s| if s > 0.0 { c / s } else { 0.0 })
+            },
         );
         views.push(ViewFit {
             left_name: pair.left_name.clone(),
@@ -240,7 +245,9 @@ pub(super) fn outcome(
     Some(StereoCalibration {
         rig: *rig,
         board: *board,
-        covariance,
+        covariance: DMatrix::from_fn(used.len(), used.len(), |i, j| {
+            covariance[(used[i], used[j])]
+        }),
         corner_sigma_px: variance.sqrt(),
         joint_rms_px: (joint.cost / corners.max(1) as f64).sqrt(),
         left_rms_px: mono_rms(mono[0]),
@@ -250,6 +257,15 @@ pub(super) fn outcome(
         rejected,
         iterations: [mono[0].iterations, mono[1].iterations, joint.iterations],
     })
+}
+
+/// Which of the joint fit's parameters the lens models use, and the six of the relative pose.
+fn used_parameters(rig: &StereoRig) -> Vec<usize> {
+    let left = rig.left.distortion.model.used().iter().copied();
+    let right = rig.right.distortion.model.used().iter();
+    left.chain(right.map(|k| INTRINSICS + k))
+        .chain(2 * INTRINSICS..SHARED)
+        .collect()
 }
 
 fn kept(residuals: Vec<Vector2<f64>>, observed: &Observed) -> Vec<Option<Vector2<f64>>> {

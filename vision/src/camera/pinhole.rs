@@ -1,109 +1,10 @@
-//! The pinhole camera with Brown-Conrady distortion (OpenCV's five coefficients) \[Brown1971\].
+//! The pinhole camera with a distorting lens.
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point2, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::lens::{Distortion, INTRINSICS};
 use super::{DistortedPx, UndistortedPx};
-
-/// Brown-Conrady coefficients, of normalised image coordinates; OpenCV's order is
-/// k1 k2 p1 p2 k3.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Distortion {
-    /// Radial, second order.
-    pub k1: f64,
-    /// Radial, fourth order.
-    pub k2: f64,
-    /// Tangential.
-    pub p1: f64,
-    /// Tangential.
-    pub p2: f64,
-    /// Radial, sixth order.
-    pub k3: f64,
-}
-
-impl Distortion {
-    /// In OpenCV's order: k1 k2 p1 p2 k3.
-    pub const fn to_array(&self) -> [f64; 5] {
-        [self.k1, self.k2, self.p1, self.p2, self.k3]
-    }
-
-    /// From OpenCV's order: k1 k2 p1 p2 k3.
-    pub const fn from_array([k1, k2, p1, p2, k3]: [f64; 5]) -> Self {
-        Self { k1, k2, p1, p2, k3 }
-    }
-
-    /// Distorts normalised coordinates.
-    #[inline]
-    pub fn apply(&self, n: &Vector2<f64>) -> Vector2<f64> {
-        let (x, y) = (n.x, n.y);
-        let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
-        Vector2::new(
-            x * radial + 2.0 * self.p1 * x * y + self.p2 * (r2 + 2.0 * x * x),
-            y * radial + self.p1 * (r2 + 2.0 * y * y) + 2.0 * self.p2 * x * y,
-        )
-    }
-
-    /// Distorts normalised coordinates, with the derivative by them.
-    #[inline]
-    pub fn apply_with_derivative(&self, n: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
-        let (x, y) = (n.x, n.y);
-        let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
-        let slope = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + 3.0 * r2 * self.k3));
-        let (p1, p2) = (self.p1, self.p2);
-        let cross = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y;
-        (
-            Vector2::new(
-                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-            ),
-            Matrix2::new(
-                radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x,
-                cross,
-                cross,
-                radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x,
-            ),
-        )
-    }
-
-    /// The normalised coordinates that distort to `distorted`, by Newton's method from there.
-    /// `None` where the model folds over or the iteration does not settle.
-    #[inline]
-    pub fn invert(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
-        // 1e-13 of a focal length: below a billionth of a pixel.
-        const SETTLED: f64 = 1e-26;
-        let mut n = *distorted;
-        let mut step = Vector2::zeros();
-        let mut missed = f64::INFINITY;
-        for _ in 0..40 {
-            let (value, j) = self.apply_with_derivative(&n);
-            let e = distorted - value;
-            let det = j[(0, 0)] * j[(1, 1)] - j[(0, 1)] * j[(1, 0)];
-            let miss = e.norm_squared();
-            // On the branch that begins at the centre the map keeps its orientation: a step
-            // that leaves it, or that does not come nearer, was too long. (Rounding may miss.)
-            if det.is_nan() || det <= 1e-6 || (miss > missed && miss > SETTLED) {
-                if step.norm_squared() < SETTLED {
-                    return None;
-                }
-                step *= 0.5;
-                n -= step;
-                continue;
-            }
-            missed = miss;
-            step = Vector2::new(
-                j[(1, 1)] * e.x - j[(0, 1)] * e.y,
-                j[(0, 0)] * e.y - j[(1, 0)] * e.x,
-            ) / det;
-            n += step;
-            if step.norm_squared() < SETTLED {
-                return Some(n);
-            }
-        }
-        None
-    }
-}
 
 /// A calibrated camera: image size, camera matrix, distortion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -152,8 +53,9 @@ pub struct Projection {
     pub px: DistortedPx,
     /// Derivative of the pixel by the point in the camera's frame \[px/m\].
     pub by_point: Matrix2x3<f64>,
-    /// Derivative of the pixel by fx fy cx cy k1 k2 p1 p2 k3.
-    pub by_intrinsics: SMatrix<f64, 2, 9>,
+    /// Derivative of the pixel by fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6; zero for coefficients
+    /// that the lens model does not use.
+    pub by_intrinsics: SMatrix<f64, 2, INTRINSICS>,
 }
 
 impl Camera {
@@ -179,25 +81,28 @@ impl Camera {
         }
     }
 
-    /// fx fy cx cy k1 k2 p1 p2 k3, the order of all derivatives.
-    pub fn intrinsics(&self) -> [f64; 9] {
-        let d = &self.distortion;
+    /// fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6, the order of all derivatives; which of them count
+    /// is the lens model's [`used`](super::LensModel::used).
+    pub fn intrinsics(&self) -> [f64; INTRINSICS] {
+        let [k1, k2, p1, p2, k3, k4, k5, k6] = self.distortion.slots();
         [
-            self.fx, self.fy, self.cx, self.cy, d.k1, d.k2, d.p1, d.p2, d.k3,
+            self.fx, self.fy, self.cx, self.cy, k1, k2, p1, p2, k3, k4, k5, k6,
         ]
     }
 
-    /// The same image size with other fx fy cx cy k1 k2 p1 p2 k3.
+    /// The same image size and lens model with other parameters, in the order of
+    /// [`Camera::intrinsics`].
     #[must_use]
-    pub fn with_intrinsics(&self, p: &[f64; 9]) -> Self {
+    pub const fn with_intrinsics(&self, p: &[f64; INTRINSICS]) -> Self {
+        let [fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6] = *p;
         Self {
             width: self.width,
             height: self.height,
-            fx: p[0],
-            fy: p[1],
-            cx: p[2],
-            cy: p[3],
-            distortion: Distortion::from_array([p[4], p[5], p[6], p[7], p[8]]),
+            fx,
+            fy,
+            cx,
+            cy,
+            distortion: self.distortion.with_slots([k1, k2, p1, p2, k3, k4, k5, k6]),
         }
     }
 
@@ -240,17 +145,13 @@ impl Camera {
         let z = 1.0 / point.z;
         let n = point.xy() * z;
         let (d, j) = self.distortion.apply_with_derivative(&n);
-        let (x, y) = (n.x, n.y);
-        let r2 = x * x + y * y;
-        let (r4, r6) = (r2 * r2, r2 * r2 * r2);
-        let (fx, fy) = (self.fx, self.fy);
-        #[rustfmt::skip]
-        let by_intrinsics = SMatrix::<f64, 2, 9>::from_row_slice(&[
-            d.x, 0.0, 1.0, 0.0, fx * x * r2, fx * x * r4,
-            fx * 2.0 * x * y, fx * (r2 + 2.0 * x * x), fx * x * r6,
-            0.0, d.y, 0.0, 1.0, fy * y * r2, fy * y * r4,
-            fy * (r2 + 2.0 * y * y), fy * 2.0 * x * y, fy * y * r6,
-        ]);
+        let mut by_intrinsics = SMatrix::<f64, 2, INTRINSICS>::zeros();
+        (by_intrinsics[(0, 0)], by_intrinsics[(1, 1)]) = (d.x, d.y);
+        (by_intrinsics[(0, 2)], by_intrinsics[(1, 3)]) = (1.0, 1.0);
+        for (k, by) in self.distortion.by_coefficients(&n).iter().enumerate() {
+            by_intrinsics[(0, 4 + k)] = self.fx * by.x;
+            by_intrinsics[(1, 4 + k)] = self.fy * by.y;
+        }
         Some(Projection {
             px: DistortedPx(self.pixel(&d)),
             by_point: self.chain(&n, &j, z),
