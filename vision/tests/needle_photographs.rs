@@ -54,6 +54,9 @@ struct Reference {
     tip: Option<(f64, f64)>,
 }
 
+/// A frame's number and its tip's row and column \[px\].
+type Tip = (usize, Option<(f64, f64)>);
+
 struct Sequence {
     name: String,
     frames: Vec<(GrayImage, Reference)>,
@@ -89,7 +92,7 @@ fn sequences(folder: &Path, first: usize, every: usize) -> Vec<Sequence> {
         let key = (row[0].clone(), row[1].parse().unwrap());
         shapes.entry(key).or_default().push(point);
     }
-    let mut frames: BTreeMap<String, Vec<(usize, Option<(f64, f64)>)>> = BTreeMap::new();
+    let mut frames: BTreeMap<String, Vec<Tip>> = BTreeMap::new();
     for row in table(&folder.join("derived_tips.csv")) {
         let tip = row[2].parse().ok().zip(row[3].parse().ok());
         let frame = (row[1].parse().unwrap(), tip);
@@ -218,7 +221,6 @@ struct Figures {
     false_finds: usize,
     empty: usize,
     found_in_empty: usize,
-    seconds: f64,
 }
 
 fn quantile(values: &mut [f64], share: f64) -> f64 {
@@ -298,7 +300,7 @@ impl Figures {
         let within = self.tip.iter().filter(|e| **e <= 1.5).count() as f64;
         println!(
             "{name}: {} of {} found ({:.1} %), shaft median {:.3} mm, 90 % {:.3} mm; tip within 1.5 mm {:.1} %, \
-             median {:.2} mm; off the plane 50 % {:.2} 90 % {:.2} mm; {} false beside a needle, {} of {} without one; {:.1} ms a frame",
+             median {:.2} mm; off the plane 50 % {:.2} 90 % {:.2} mm; {} false beside a needle, {} of {} without one",
             self.found,
             self.frames,
             100.0 * self.found as f64 / n,
@@ -310,8 +312,7 @@ impl Figures {
             quantile(&mut self.depth, 0.9),
             self.false_finds,
             self.found_in_empty,
-            self.empty,
-            1e3 * self.seconds / n
+            self.empty
         );
     }
 }
@@ -356,9 +357,7 @@ fn measure(name: &str, sequences: &[Sequence], second: Second, film: bool) -> Fi
                 tracker = tracker_of(&rig_of);
             }
             let pair = pair(photograph, &rig_of, second, number as u64);
-            let start = std::time::Instant::now();
             tracker.track(&pair, &Context::default()).unwrap();
-            figures.seconds += start.elapsed().as_secs_f64();
             let place = Place {
                 number: number + 1,
                 size: (photograph.width(), photograph.height()),
