@@ -154,14 +154,34 @@ impl Sight {
 
 /// A loss in words.
 pub fn problem(loss: &Loss) -> String {
-    let flaw = |side: &str, flaw: &Flaw| match flaw {
-        Flaw::Shaft => format!("the {side} image shows too little of a shaft near the prediction"),
-        Flaw::Tip => format!("the {side} image shows no tip near the prediction"),
+    let side = |image: usize| if image == 0 { "left" } else { "right" };
+    let flaw = |side: &str, flaw: &Flaw, place: &str| match flaw {
+        Flaw::Shaft { agree, of } => format!(
+            "the {side} image shows too little of a shaft {place}: {agree} of {of} normals agree"
+        ),
+        Flaw::Tip => format!("the {side} image shows no tip {place}"),
+        Flaw::Short => format!("the {side} image shows too short a piece of a needle {place}"),
     };
     match loss {
         Loss::NotFound => "no needle found".to_owned(),
-        Loss::Left(wrong) => flaw("left", wrong),
-        Loss::Right(wrong) => flaw("right", wrong),
+        Loss::NoBand { image } => format!(
+            "no needle found: the {} image shows no band that stands out from its surroundings",
+            side(*image)
+        ),
+        Loss::NoMatch { bands } => format!(
+            "no needle found: of {} bands in the left image and {} in the right no two meet in space",
+            bands[0], bands[1]
+        ),
+        Loss::Faint { share } => format!(
+            "no needle found: the bands most like one stand out by only {:.0} % of what their surroundings allow",
+            100.0 * share
+        ),
+        Loss::Start { image, flaw: wrong } => format!(
+            "no needle found: {}",
+            flaw(side(*image), wrong, "along the band most like one")
+        ),
+        Loss::Left(wrong) => flaw("left", wrong, "near the prediction"),
+        Loss::Right(wrong) => flaw("right", wrong, "near the prediction"),
         Loss::Disagreement { px } => format!("the images disagree about the tip by {px:.1} px"),
         Loss::NoCurve => "the images' curves make no needle in space".to_owned(),
     }

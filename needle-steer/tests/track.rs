@@ -2,6 +2,7 @@
 #![expect(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
     reason = "a failed step is a failed test; images are small"
 )]
 
@@ -275,25 +276,40 @@ fn a_bevel_is_followed_through_blank_frames() {
     }
 }
 
-/// Runs `track` on something that shows no needle; nothing may be left of it. Answers what it said.
-fn refused(film: &Film, left: &[String], right: &[String], more: &[&str]) -> String {
-    let overlay = film.path("refused-overlay");
+/// Runs `track` on something that shows no needle: a line and a picture a frame all the same.
+/// Answers the frames' reasons.
+fn unfound(
+    film: &Film,
+    name: &str,
+    left: &[String],
+    right: &[String],
+    more: &[&str],
+) -> Vec<String> {
+    let overlay = film.path(&format!("{name}-overlay"));
     let more: Vec<&str> = more
         .iter()
         .copied()
         .chain(["--overlay", &overlay])
         .collect();
-    let output = film.track_files(left, right, "refused.jsonl", &more);
+    let out = format!("{name}.jsonl");
+    let output = film.track_files(left, right, &out, &more);
     let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(2), "{message}");
-    assert!(output.stdout.is_empty());
-    assert!(!film.folder.join("refused.jsonl").exists(), "{message}");
-    assert!(!Path::new(&overlay).exists(), "{message}");
-    message
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("found in none of"), "{message}");
+    assert!(message.contains(&out), "{message}");
+    assert_eq!(std::fs::read_dir(&overlay).unwrap().count(), left.len());
+    let lines = film.lines(&out);
+    assert_eq!(lines.len(), left.len());
+    let reasons = lines.iter().map(|line| {
+        assert_eq!(line["status"], "lost", "{line}");
+        assert!(line["tip_m"].is_null(), "{line}");
+        line["reason"].as_str().unwrap().to_owned()
+    });
+    reasons.collect()
 }
 
 #[test]
-fn images_without_a_needle_are_refused() {
+fn images_without_a_needle_get_a_line_and_a_reason_each() {
     let film = Film::new("track-nothing", 89.9_f64.to_radians(), 0..0);
     for grey in [0, 255] {
         let files = ["left", "right"].map(|side| {
@@ -304,16 +320,16 @@ fn images_without_a_needle_are_refused() {
             }
             files
         });
-        let message = refused(&film, &files[0], &files[1], &[]);
-        let said = format!(
-            "none of 4 pairs (the left image shows nothing: grey levels from {grey} to {grey}"
-        );
-        assert!(message.contains(&said), "{message}");
+        let reasons = unfound(&film, &format!("grey-{grey}"), &files[0], &files[1], &[]);
+        let said = format!("the left image shows nothing: grey levels from {grey} to {grey}");
+        for reason in reasons {
+            assert!(reason.contains(&said), "{reason}");
+        }
     }
 }
 
 #[test]
-fn a_calibration_of_other_cameras_is_refused() {
+fn with_a_calibration_of_other_cameras_the_reason_is_that_the_images_disagree() {
     let film = Film::new("track-others", 89.9_f64.to_radians(), 0..0);
     // The same images' size, the right camera elsewhere along the needle: by 1 cm.
     let yml = std::fs::read_to_string(film.path("stereo.yml")).unwrap();
@@ -330,17 +346,73 @@ fn a_calibration_of_other_cameras_is_refused() {
     assert_ne!(yml, other);
     let path = film.path("other-cameras.yml");
     std::fs::write(&path, other).unwrap();
-    let message = refused(
-        &film,
-        &film.left[..6],
-        &film.right[..6],
-        &["--calibration", &path],
-    );
-    assert!(
-        message.contains("none of 6 pairs (the images disagree about the tip by"),
-        "{message}"
-    );
-    assert!(message.contains("other-cameras.yml"), "{message}");
+    let more = ["--calibration", path.as_str()];
+    let reasons = unfound(&film, "others", &film.left[..6], &film.right[..6], &more);
+    for reason in reasons {
+        assert!(
+            reason.contains("the images disagree about the tip by"),
+            "{reason}"
+        );
+    }
+}
+
+/// A bright needle of 12 px before grid paper, blurred by 2 px, that advances 18 px a frame.
+#[test]
+fn one_camera_and_a_plane_place_a_bright_needle_that_advances_far() {
+    let film = Film::new("track-plane", 89.9_f64.to_radians(), 0..0);
+    let camera = "image_width: 640\nimage_height: 480\ncamera_name: one\ncamera_matrix:\n  rows: 3\n  cols: 3\n  \
+        data: [2000, 0, 319.5, 0, 2000, 239.5, 0, 0, 1]\ndistortion_model: plumb_bob\n\
+        distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [0, 0, 0, 0, 0]\n\
+        rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n\
+        projection_matrix:\n  rows: 3\n  cols: 4\n  \
+        data: [2000, 0, 319.5, 0, 0, 2000, 239.5, 0, 0, 0, 1, 0]\n";
+    let calibration = film.path("camera.yaml");
+    std::fs::write(&calibration, camera).unwrap();
+    let column = |y: f64| 200.0 + 0.1 * y + 0.0002 * y * y;
+    let mut files = Vec::new();
+    let tips: Vec<f64> = (0..12).map(|k| 160.5 + 18.0 * f64::from(k)).collect();
+    for (k, tip) in tips.iter().enumerate() {
+        let mut image = GrayImage::filled(640, 480, 0);
+        for (i, pixel) in image.pixels_mut().iter_mut().enumerate() {
+            let (x, y) = ((i % 640) as f64, (i / 640) as f64);
+            // Distances from the flanks and from the end, blurred by a logistic edge.
+            let soft = |d: f64| 1.0 / (1.0 + (-d / 1.2).exp());
+            let slope = 0.1 + 0.0004 * y;
+            let across = (x - column(y)).abs() / f64::hypot(1.0, slope);
+            let cover = soft(6.0 - across) * soft(tip - y);
+            let grid = (i % 640) % 40 < 2 || (i / 640) % 40 < 2;
+            let level = if grid { 60.0 } else { 80.0 } + 0.05 * x;
+            let grain = (i * 7919 % 13) as f64 * 0.3;
+            *pixel = (level + grain + cover * (200.0 - level)) as u8;
+        }
+        let path = film.path(&format!("bright-{k:02}.png"));
+        save(Path::new(&path), &image);
+        files.push(path);
+    }
+    let output = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+        .args([
+            "track",
+            "--out",
+            &film.path("plane.jsonl"),
+            "--calibration",
+            &calibration,
+        ])
+        .args(["--plane", "0,0,350,0,0,1", "--diameter-mm", "1.2", "--left"])
+        .args(&files)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let lines = film.lines("plane.jsonl");
+    assert_eq!(lines.len(), tips.len());
+    for (line, tip) in lines.iter().zip(&tips) {
+        assert_eq!(line["status"], "tracked", "{}", line["reason"]);
+        assert!(line["reason"].is_null() && line["right_tip_px"].is_null());
+        let found = point(&line["tip_m"]);
+        let truth = Point3::new(column(*tip) - 319.5, *tip - 239.5, 2000.0) * (0.35 / 2000.0);
+        // 0.175 mm/px, a grid, and a logistic instead of a Gaussian edge: a pixel.
+        assert!((found - truth).norm() < 0.2e-3, "{line}");
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use hal::frame::LeftCamera;
 use hal::telemetry::Tracking;
 use hal::{Position, SensedShape, SensedTip, Stamp};
-use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
 
 use super::curve::Curve2;
 use super::single::Flaw;
@@ -32,6 +32,28 @@ pub struct Context<'a> {
 pub enum Loss {
     /// It was not found yet, or not again.
     NotFound,
+    /// An image shows no band that could be a needle.
+    NoBand {
+        /// Which image: 0 for the left, 1 for the right.
+        image: usize,
+    },
+    /// Both images show bands, of which no two are of one needle.
+    NoMatch {
+        /// Bands in the left and in the right image.
+        bands: [usize; 2],
+    },
+    /// The bands that match stand out too little to be a needle.
+    Faint {
+        /// How far, relative to the most that their surroundings allow.
+        share: f64,
+    },
+    /// The band that is most like a needle is none.
+    Start {
+        /// Which image: 0 for the left, 1 for the right.
+        image: usize,
+        /// What is wrong with it.
+        flaw: Flaw,
+    },
     /// In the left image.
     Left(Flaw),
     /// In the right image.
@@ -58,6 +80,9 @@ pub struct Tracked {
     pub point: Position<LeftCamera>,
     /// Curves in the left and the right image; nothing before the first start.
     pub curves: [Option<Curve2>; 2],
+    /// Bands in the left and the right image that were considered, as polygons \[px\]; nothing where
+    /// the needle was measured without a search.
+    pub considered: [Vec<Vec<Vector2<f64>>>; 2],
 }
 
 /// Before anything was seen.
@@ -78,5 +103,6 @@ pub(super) fn unseen() -> Tracked {
         },
         point: Position::new(Point3::origin()),
         curves: [None; 2],
+        considered: [Vec::new(), Vec::new()],
     }
 }

@@ -27,12 +27,17 @@ const MEMORY: u32 = 32;
 pub(super) const PAINTED: f64 = 0.66;
 
 /// Mean image without the needle.
+///
+/// A needle brighter than what is behind it is taken as a dark one in the negative: all levels
+/// here are those of the negative then.
 #[derive(Clone, Debug)]
 pub(super) struct Background {
     width: usize,
     height: usize,
     grey: Vec<f32>,
     images: u32,
+    /// Factor and summand that make levels of an image's: of it, or of its negative.
+    level: [f32; 2],
 }
 
 /// Cell and fractions of a bilinear interpolation.
@@ -63,7 +68,30 @@ impl Background {
             height,
             grey: vec![UNSEEN; width * height],
             images: 0,
+            level: [1.0, 0.0],
         }
+    }
+
+    /// Whether the needle is brighter than the background.
+    pub(super) fn bright(&self) -> bool {
+        self.level[0] < 0.0
+    }
+
+    /// Takes the needle as brighter than the background, or as darker.
+    pub(super) fn set_bright(&mut self, bright: bool) {
+        if bright == self.bright() {
+            return;
+        }
+        self.level = if bright { [-1.0, 255.0] } else { [1.0, 0.0] };
+        if self.images > 0 {
+            for mean in &mut self.grey {
+                *mean = 255.0 - *mean;
+            }
+        }
+    }
+
+    fn level(&self, grey: u8) -> f32 {
+        self.level[0] * f32::from(grey) + self.level[1]
     }
 
     pub(super) fn clear(&mut self) {
@@ -78,6 +106,11 @@ impl Background {
         at(p) < HIDDEN * 0.5 * (at(p + aside) + at(p - aside))
     }
 
+    /// Grey level at `p`, of the negative if the needle is bright.
+    pub(super) fn mean_at(&self, p: Vector2<f64>) -> f64 {
+        self.at(p).unwrap_or(UNSEEN).into()
+    }
+
     /// Whether `image` is of the size of the background.
     pub(super) fn fits(&self, image: &GrayImage) -> bool {
         (image.width(), image.height()) == (self.width, self.height)
@@ -90,8 +123,9 @@ impl Background {
     /// Takes in a whole image without a needle.
     pub(super) fn learn(&mut self, image: &GrayImage) {
         let share = 1.0 / (self.images.min(MEMORY) + 1) as f32;
+        let [factor, summand] = self.level;
         for (mean, grey) in self.grey.iter_mut().zip(image.pixels()) {
-            *mean += (f32::from(*grey) - *mean) * share;
+            *mean += (factor * f32::from(*grey) + summand - *mean) * share;
         }
         self.images = self.images.saturating_add(1);
     }
@@ -103,6 +137,7 @@ impl Background {
             clamp(centre.x - half, self.width),
             clamp(centre.x + half, self.width),
         );
+        let [factor, summand] = self.level;
         for y in clamp(centre.y - half, self.height)..clamp(centre.y + half, self.height) {
             let row = y * self.width;
             let mean = self.grey.get_mut(row + left..row + right);
@@ -110,7 +145,7 @@ impl Background {
             let (mean, seen) = (mean.unwrap_or_default(), seen.unwrap_or_default());
             for (mean, grey) in mean.iter_mut().zip(seen) {
                 // Should the needle be there after all, it is not learned.
-                let grey = f32::from(*grey);
+                let grey = factor * f32::from(*grey) + summand;
                 let share = if grey > NO_NEEDLE * *mean {
                     1.0 / 12.0
                 } else {
@@ -144,22 +179,12 @@ impl Background {
         }
     }
 
-    /// Brightness of every `every`th pixel of a row of the image relative to the background: 1
-    /// where that is dark.
-    pub(super) fn relative_row(
-        &self,
-        image: &GrayImage,
-        y: usize,
-        every: usize,
-    ) -> impl Iterator<Item = f32> {
-        let row = y * self.width..(y + 1) * self.width;
-        let mean = self.grey.get(row.clone()).unwrap_or_default();
-        let seen = image.pixels().get(row).unwrap_or_default();
-        let pairs = seen.iter().step_by(every).zip(mean.iter().step_by(every));
-        pairs.map(|(grey, mean)| {
-            let ratio = f32::from(*grey) / mean;
-            if *mean > DARK { ratio } else { 1.0 }
-        })
+    /// Row `y` of the mean image, in the levels of images; nothing before one was learned.
+    pub(super) fn row(&self, y: usize) -> Option<impl Iterator<Item = f32>> {
+        let row = self.grey.get(y * self.width..(y + 1) * self.width)?;
+        let [factor, summand] = self.level;
+        let levels = row.iter().map(move |mean| (mean - summand) * factor);
+        (self.images > 0).then_some(levels)
     }
 
     fn cell(&self, p: Vector2<f64>) -> Option<Cell> {
@@ -201,10 +226,10 @@ impl Background {
         let top = pixels.get(cell.index..cell.index + 2)?;
         let below = pixels.get(cell.index + self.width..cell.index + self.width + 2)?;
         let grey = cell.blend(
-            f32::from(top[0]),
-            f32::from(top[1]),
-            f32::from(below[0]),
-            f32::from(below[1]),
+            self.level(top[0]),
+            self.level(top[1]),
+            self.level(below[0]),
+            self.level(below[1]),
         );
         let mean = self.mean(cell)?;
         (mean > DARK).then_some(grey / mean)
@@ -231,6 +256,7 @@ impl Background {
         let (mut x, mut y) = (fixed(origin.x), fixed(origin.y));
         let (step_x, step_y) = (fixed(direction.x), fixed(direction.y));
         let mut darkest = f32::INFINITY;
+        let [factor, summand] = self.level;
         for sample in samples {
             // Rounding may lead a hair outside, where the nearest cell does.
             let (right, down) = (x.max(0), y.max(0));
@@ -243,7 +269,8 @@ impl Background {
             let mean = self.grey.get(cell.index..cell.index + below + 2)?;
             let grey = |i: usize| f32::from(seen[i]);
             let mean = cell.blend(mean[0], mean[1], mean[below], mean[below + 1]);
-            *sample = cell.blend(grey(0), grey(1), grey(below), grey(below + 1)) / mean;
+            let seen = cell.blend(grey(0), grey(1), grey(below), grey(below + 1));
+            *sample = (factor * seen + summand) / mean;
             darkest = darkest.min(mean);
             x += step_x;
             y += step_y;

@@ -2,7 +2,7 @@
 
 use hal::{GrayImage, StereoFrame};
 
-use crate::camera::View;
+use crate::camera::{Camera, View};
 
 /// Least range of grey levels of an image that shows something.
 const RANGE: u8 = 12;
@@ -52,20 +52,32 @@ pub(super) fn fits(pair: &StereoFrame, views: &[View; 2]) -> Result<(), FrameErr
     if apart_s.abs() > TOGETHER {
         return Err(FrameError::Apart { apart_s });
     }
-    let images = [&pair.left.image, &pair.right.image];
-    for ((image, view), side) in images.into_iter().zip(views).zip(["left", "right"]) {
-        let camera = &view.camera;
-        if (image.width(), image.height()) != (camera.width, camera.height) {
-            return Err(FrameError::Size {
-                side,
-                width: image.width(),
-                height: image.height(),
-                expected_width: camera.width,
-                expected_height: camera.height,
-            });
-        }
+    for ((image, view), side) in [&pair.left.image, &pair.right.image]
+        .into_iter()
+        .zip(views)
+        .zip(["left", "right"])
+    {
+        fits_camera(image, &view.camera, side)?;
     }
     Ok(())
+}
+
+/// Checks that an image is of a camera's size.
+pub(super) fn fits_camera(
+    image: &GrayImage,
+    camera: &Camera,
+    side: &'static str,
+) -> Result<(), FrameError> {
+    if (image.width(), image.height()) == (camera.width, camera.height) {
+        return Ok(());
+    }
+    Err(FrameError::Size {
+        side,
+        width: image.width(),
+        height: image.height(),
+        expected_width: camera.width,
+        expected_height: camera.height,
+    })
 }
 
 /// Checks that both images show something; looks at every pixel.
@@ -74,7 +86,8 @@ pub(super) fn shows(pair: &StereoFrame) -> Result<(), FrameError> {
     blank(&pair.right.image, "right")
 }
 
-fn blank(image: &GrayImage, side: &'static str) -> Result<(), FrameError> {
+/// Checks that an image shows something.
+pub(super) fn blank(image: &GrayImage, side: &'static str) -> Result<(), FrameError> {
     let (mut darkest, mut brightest) = (u8::MAX, u8::MIN);
     for grey in image.pixels() {
         darkest = darkest.min(*grey);

@@ -3,6 +3,8 @@
 use nalgebra::{Isometry3, Matrix2x3, Point3, Rotation3, Unit, Vector3};
 
 use super::curve::{MOST, normal};
+use super::settings::Appearance;
+use super::single::Look;
 use super::space::Curve3;
 use crate::camera::View;
 
@@ -76,9 +78,44 @@ pub(super) fn turned(bevel: &Vector3<f64>, axis: &Vector3<f64>, angle: f64) -> V
     Rotation3::from_axis_angle(&Unit::new_normalize(*axis), angle) * bevel
 }
 
+/// How `needle` appears in a view when its tip is at `tip`, and the direction across it and the
+/// line of sight along which the bevel's side counts.
+pub(super) fn look(
+    view: &View,
+    needle: &Appearance,
+    tip: &Vector3<f64>,
+    axis: Option<&Vector3<f64>>,
+    bevel: Option<Vector3<f64>>,
+) -> (Look, Vector3<f64>) {
+    let Some((px, jacobian)) = view.project_with_derivative(tip) else {
+        let look = Look {
+            width: 3.0,
+            bevel_px: 0.0,
+            side: None,
+            rim_px: 0.0,
+        };
+        return (look, Vector3::x());
+    };
+    let sight = view.ray(px).map_or_else(Vector3::z, |ray| ray.direction);
+    let across = axis
+        .and_then(|axis| across(&jacobian, axis, &sight))
+        .or_else(|| sight.cross(&Vector3::x()).try_normalize(1e-6))
+        .unwrap_or_else(Vector3::y);
+    let px_per_metre = (jacobian * across).norm();
+    let width = px_per_metre * needle.diameter;
+    let along = axis.map_or(px_per_metre, |axis| (jacobian * axis).norm());
+    let look = Look {
+        width,
+        rim_px: axis.map_or(0.0, |axis| 0.5 * width * axis.dot(&sight).abs()),
+        bevel_px: along * needle.bevel_length,
+        side: bevel.map(|bevel| bevel.dot(&across).clamp(-1.0, 1.0)),
+    };
+    (look, across)
+}
+
 /// The unit direction across both needle and line of sight that appears in the image a quarter
 /// turn from the needle's own, from x towards y.
-pub(super) fn across(
+fn across(
     jacobian: &Matrix2x3<f64>,
     axis: &Vector3<f64>,
     sight: &Vector3<f64>,

@@ -8,12 +8,16 @@
 
 mod answer;
 mod background;
+mod blur;
 mod cholesky;
 mod curve;
 mod filter;
 mod find;
 mod frames;
 mod geometry;
+mod matching;
+mod plane;
+mod search;
 mod section;
 mod settings;
 mod silhouette;
@@ -27,7 +31,8 @@ pub use answer::{Context, Loss, Tracked};
 pub use curve::Curve2;
 pub use filter::Change;
 pub use frames::FrameError;
-pub use settings::{Appearance, TrackSettings, TrackSettingsError};
+pub use plane::{Plane, PlaneTracker};
+pub use settings::{Appearance, Hints, TrackSettings, TrackSettingsError};
 pub use single::{Flaw, ImageTracker, Look};
 
 use hal::telemetry::Tracking;
@@ -36,13 +41,15 @@ use nalgebra::{Unit, Vector3};
 
 use crate::camera::{DistortedPx, StereoRig, View};
 use answer::{POINTS, unseen};
-use geometry::{across, base_shifts, scene, turned};
+use geometry::{base_shifts, look, scene, turned};
 use space::{Curve3, Lasting};
 use turn::Turn;
 
 /// Disagreement of the two tips along the needle beyond which they are not of one needle \[px\],
 /// in images 640 wide; calibrations of careful laboratories stay below a pixel.
 const EPIPOLAR: f64 = 2.5;
+/// By how much more where the tip tapers in a way that is not known.
+const TAPERING: f64 = 3.0;
 /// Visible shaft from which on its axis is known well enough to tell to which side the bevel
 /// leans \[px\], in images 640 wide.
 const LEANING_SHAFT: f64 = 30.0;
@@ -61,6 +68,8 @@ pub struct StereoTracker {
     clicked: Option<[[DistortedPx; 2]; 2]>,
     last: Option<Stamp>,
     losses: u32,
+    /// Diameter of the needle, as given or as found at the start \[m\].
+    diameter: f64,
     tracked: Tracked,
 }
 
@@ -90,8 +99,16 @@ impl StereoTracker {
             clicked: None,
             last: None,
             losses: 0,
+            diameter: needle.diameter,
             tracked: unseen(),
         })
+    }
+
+    /// Tells what is known of the images beforehand.
+    pub fn set_hints(&mut self, hints: Hints) {
+        for image in &mut self.images {
+            image.set_hints(hints);
+        }
     }
 
     /// Forgets needle and background.
@@ -104,6 +121,7 @@ impl StereoTracker {
         self.clicked = None;
         self.last = None;
         self.losses = 0;
+        self.diameter = self.needle.diameter;
         self.tracked = unseen();
     }
 
@@ -151,6 +169,9 @@ impl StereoTracker {
         let outcome = outcome.or_else(|loss| {
             shows = frames::shows(pair);
             let gone = !known || self.give_up();
+            if !gone && shows.is_ok() && self.far(images, context).is_ok() {
+                return Ok(());
+            }
             if gone {
                 self.forget_needle();
             }
@@ -162,7 +183,7 @@ impl StereoTracker {
                 Err(loss)
             }
         });
-        self.report(pair, context, outcome.err());
+        self.report(pair, context, known, outcome.err());
         shows.map(|()| &self.tracked)
     }
 
@@ -319,7 +340,13 @@ impl StereoTracker {
             *curve = kept;
             return Err(Loss::NoCurve);
         }
-        if curve.epipolar > EPIPOLAR * self.images[0].scale() {
+        // Where a tip tapers its end is less sure.
+        let taper = if self.images.iter().any(ImageTracker::tapers) {
+            TAPERING
+        } else {
+            1.0
+        };
+        if curve.epipolar > taper * EPIPOLAR * self.images[0].scale().max(1.0) {
             return Err(Loss::Disagreement { px: curve.epipolar });
         }
         Ok(())
@@ -334,45 +361,34 @@ impl StereoTracker {
         axis: Option<&Vector3<f64>>,
         context: &Context<'_>,
     ) -> (Look, Vector3<f64>) {
-        let view = &self.views[k];
-        let projected = view.project_with_derivative(tip);
-        let Some((px, jacobian)) = projected else {
-            let look = Look {
-                width: 3.0,
-                bevel_px: 0.0,
-                side: None,
-                rim_px: 0.0,
-            };
-            return (look, Vector3::x());
+        let bevel = context
+            .bevel
+            .map(|bevel| axis.map_or(bevel, |axis| turned(&bevel, axis, self.turn.angle())));
+        let needle = Appearance {
+            diameter: self.diameter,
+            ..self.needle
         };
-        let sight = view.ray(px).map_or_else(Vector3::z, |ray| ray.direction);
-        let across = axis
-            .and_then(|axis| across(&jacobian, axis, &sight))
-            .or_else(|| sight.cross(&Vector3::x()).try_normalize(1e-6))
-            .unwrap_or_else(Vector3::y);
-        let width = (jacobian * across).norm() * self.needle.diameter;
-        let look = Look {
-            width,
-            rim_px: axis.map_or(0.0, |axis| 0.5 * width * axis.dot(&sight).abs()),
-            bevel_px: axis.map_or_else(
-                || (jacobian * across).norm(),
-                |axis| (jacobian * axis).norm(),
-            ) * self.needle.bevel_length,
-            side: context.bevel.map(|bevel| {
-                let bevel = axis.map_or(bevel, |axis| turned(&bevel, axis, self.turn.angle()));
-                bevel.dot(&across).clamp(-1.0, 1.0)
-            }),
-        };
-        (look, across)
+        look(&self.views[k], &needle, tip, axis, bevel)
     }
 
     /// Fills the answer in.
-    fn report(&mut self, pair: &StereoFrame, context: &Context<'_>, loss: Option<Loss>) {
+    fn report(
+        &mut self,
+        pair: &StereoFrame,
+        context: &Context<'_>,
+        known: bool,
+        loss: Option<Loss>,
+    ) {
         self.tracked.status = match loss {
             None => Tracking::Tracked,
             Some(_) => self.status_without(),
         };
         self.tracked.loss = loss;
+        if loss.is_none() && known {
+            for considered in &mut self.tracked.considered {
+                considered.clear();
+            }
+        }
         for (k, image) in self.images.iter().enumerate() {
             self.tracked.curves[k] = image.filter().map(filter::CurveFilter::curve);
         }
@@ -384,7 +400,7 @@ impl StereoTracker {
         shape.sequence = pair.left.sequence;
         shape.points.clear();
         // The points are correlated: a curve has so many lateral freedoms, not one a point.
-        let shared = (POINTS as f64 / self.settings.control_points as f64).sqrt();
+        let shared = (POINTS as f64 / curve.control_points().len() as f64).sqrt();
         for k in 0..POINTS {
             let t = k as f64 / (POINTS - 1) as f64;
             let axis = curve.derivative(t).normalize();

@@ -28,6 +28,10 @@ pub(super) struct Section {
     pub contrast: f64,
     /// Scatter of the brightness beside the needle.
     pub noise: f64,
+    /// Width at half the contrast \[px\].
+    pub width: f64,
+    /// Slope of its flanks there, by width and contrast: what blur does to them.
+    pub steepness: f64,
 }
 
 /// What a line across the needle is expected to meet.
@@ -117,6 +121,8 @@ pub(super) fn cross(
         sigma: noise / steepness * core::f64::consts::FRAC_1_SQRT_2,
         contrast: f64::from(top),
         noise: f64::from(scatter),
+        width,
+        steepness: steepness * width / f64::from(top),
     })
 }
 

@@ -13,6 +13,15 @@ pub struct Appearance {
     pub bevel_length: f64,
 }
 
+/// What may be known of the images beforehand; without, it is found in them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Hints {
+    /// Blur, as a Gaussian, of images as they are \[px\].
+    pub blur_px: Option<f64>,
+    /// Whether the needle is brighter than what is behind it.
+    pub bright: Option<bool>,
+}
+
 /// Settings of the tracker. Lengths in pixels are for images 640 px wide and grow with the
 /// width.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,6 +7,8 @@
 
 mod begin;
 
+pub(super) use begin::Seen;
+
 use core::hint::black_box;
 
 use hal::GrayImage;
@@ -16,7 +18,7 @@ use super::background::Background;
 use super::curve::{Curve2, Weights, normal, weights, weights_and_slopes};
 use super::filter::{Change, CurveFilter, Offset, Solution, State};
 use super::section::{Expected, Section, cross, samples};
-use super::settings::{TrackSettings, TrackSettingsError};
+use super::settings::{Hints, TrackSettings, TrackSettingsError};
 use super::tip::{self, TipSearch};
 
 /// Normals that must agree, as a share of all and at least.
@@ -41,9 +43,21 @@ const LEARNED: u32 = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flaw {
     /// Too few normals agree on a shaft.
-    Shaft,
+    Shaft {
+        /// Normals that show one where the others do.
+        agree: usize,
+        /// Normals looked along.
+        of: usize,
+    },
     /// No tip fits near the predicted one.
     Tip,
+    /// What is seen of the needle is too short to be tracked.
+    Short,
+}
+
+impl Flaw {
+    /// Nothing to look at.
+    const NOTHING: Self = Self::Shaft { agree: 0, of: 0 };
 }
 
 /// How the needle appears in one image.
@@ -96,6 +110,15 @@ pub struct ImageTracker {
     bad: u32,
     /// How far the bevel leans to one side in the newest image; see [`super::turn`].
     leaning: Option<f64>,
+    /// Control points of the curve.
+    points: usize,
+    /// Blur of the image, as given or as found at the start \[px\].
+    blur: f64,
+    /// Whether the tip tapers in a way that is not known.
+    tapers: bool,
+    /// Misfit of the newest tip's silhouette.
+    misfit: f64,
+    hints: Hints,
 }
 
 impl ImageTracker {
@@ -125,7 +148,28 @@ impl ImageTracker {
             gate: (Vector2::zeros(), Vector2::x()),
             bad: 0,
             leaning: None,
+            points: settings.control_points,
+            blur: settings.blur_px * width as f64 / 640.0,
+            tapers: false,
+            misfit: 0.0,
+            hints: Hints::default(),
         })
+    }
+
+    /// Tells what is known of the images beforehand.
+    pub fn set_hints(&mut self, hints: Hints) {
+        self.hints = hints;
+        self.blur = self.given_blur();
+    }
+
+    pub(super) const fn hints(&self) -> Hints {
+        self.hints
+    }
+
+    /// \[px\]
+    fn given_blur(&self) -> f64 {
+        let usual = self.settings.blur_px * self.scale;
+        self.hints.blur_px.unwrap_or(usual)
     }
 
     /// The curve as last estimated; nothing before the start.
@@ -146,6 +190,8 @@ impl ImageTracker {
         self.background.clear();
         self.contrast = 0.0;
         self.noise = 0.01;
+        self.points = self.settings.control_points;
+        self.blur = self.given_blur();
     }
 
     pub(super) fn filter(&self) -> Option<&CurveFilter> {
@@ -159,6 +205,11 @@ impl ImageTracker {
 
     pub(super) fn background(&self) -> &Background {
         &self.background
+    }
+
+    /// Whether the tip tapers in a way that is not known.
+    pub(super) const fn tapers(&self) -> bool {
+        self.tapers
     }
 
     /// Pixels for one pixel of an image 640 wide.
@@ -203,7 +254,7 @@ impl ImageTracker {
         self.leaning = None;
         let start = self.start_parameter();
         let Some(mut filter) = self.filter.take() else {
-            return Err(Flaw::Shaft);
+            return Err(Flaw::NOTHING);
         };
         filter.predict(&Change { start, ..*change });
         let found = if self.background.fits(image) {
@@ -216,7 +267,7 @@ impl ImageTracker {
             )
             .and_then(|()| self.tip(image, &mut filter, look).map(drop))
         } else {
-            Err(Flaw::Shaft)
+            Err(Flaw::NOTHING)
         };
         if found.is_ok() {
             self.refresh(image, &filter.curve(), look);
@@ -244,7 +295,7 @@ impl ImageTracker {
         // Normals closer than a pixel see the same noise.
         let length = curve.length();
         let wanted = self.settings.normals.min(length as usize).max(LEAST);
-        let count = self.settings.control_points;
+        let count = self.points;
         let ends = look.width / curve.derivative(1.0).norm().max(1.0);
         let doubts = doubts(filter, &curve, count);
         self.normals.clear();
@@ -253,7 +304,7 @@ impl ImageTracker {
             let (row, slopes) = weights_and_slopes(count, t);
             let expected = Expected {
                 width: look.width,
-                reach: (4.0 * between(&doubts, t) + 2.0 * self.scale).clamp(3.0, search),
+                reach: (4.0 * between(&doubts, t) + 2.0 * self.scale).clamp(3.0, search.max(3.0)),
                 contrast: self.contrast,
                 noise: self.noise,
             };
@@ -278,6 +329,7 @@ impl ImageTracker {
                 sigma,
                 contrast: dark,
                 noise: scatter,
+                ..
             }) = section
             else {
                 continue;
@@ -290,14 +342,15 @@ impl ImageTracker {
                 .push(Offset::new(n.row, n.direction, offset, variance));
         }
         let enough = ((SURVIVORS.0 * wanted as f64) as usize).max(SURVIVORS.1);
+        let flaw = |agree| Flaw::Shaft { agree, of: wanted };
         if self.offsets.len() < enough {
-            return Err(Flaw::Shaft);
+            return Err(flaw(self.offsets.len()));
         }
         let contrast = contrast / self.offsets.len() as f64;
-        let solution = self.robust(filter, look, straight).ok_or(Flaw::Shaft)?;
+        let solution = self.robust(filter, look, straight).ok_or(flaw(0))?;
         let survivors = self.shares.iter().filter(|share| **share > 0.2).count();
         if survivors < enough {
-            return Err(Flaw::Shaft);
+            return Err(flaw(survivors));
         }
         filter.accept(&solution);
         let noise = noise / self.offsets.len() as f64;
@@ -335,7 +388,7 @@ impl ImageTracker {
             }
             // Residuals larger than their stated noise say that it is larger.
             let next = filter.solve(&self.offsets, &self.shares, scale)?;
-            let points = 2 * self.settings.control_points;
+            let points = 2 * self.points;
             let moved = (next.change - solution.change).rows(0, points).amax();
             solution = next;
             if moved < SETTLED * self.scale {
@@ -353,7 +406,7 @@ impl ImageTracker {
         look: &Look,
     ) -> Result<bool, Flaw> {
         let curve = filter.curve();
-        let end = weights(self.settings.control_points, 1.0);
+        let end = weights(self.points, 1.0);
         let tangent = curve.derivative(1.0).normalize();
         let doubt = filter.variance(&end, &tangent);
         let near =
@@ -370,7 +423,8 @@ impl ImageTracker {
                 bevel_px: look.bevel_px,
                 side: look.side,
                 rim_px: look.rim_px,
-                blur: self.settings.blur_px * self.scale,
+                blur: self.blur,
+                tapers: self.tapers,
             };
             tip::find(image, &self.background, &curve, &search).filter(|fix| fix.misfit < MISFIT)
         };
@@ -394,6 +448,7 @@ impl ImageTracker {
         filter.update(&offset);
         self.jumped = None;
         self.leaning = fix.leaning;
+        self.misfit = fix.misfit;
         Ok(true)
     }
 

@@ -3,12 +3,12 @@
 use hal::GrayImage;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
+use super::StereoTracker;
 use super::answer::{Context, Loss};
 use super::curve::MOST;
 use super::geometry::resembles;
-use super::single::Look;
+use super::single::{Flaw, Look};
 use super::space::Curve3;
-use super::{StereoTracker, find};
 use crate::camera::{DistortedPx, triangulate};
 
 /// How far from a guess the needle is sought \[px\], in images 640 wide.
@@ -32,6 +32,9 @@ impl StereoTracker {
             }
             return Err(Loss::NotFound);
         }
+        if clicked.is_none() && context.guess.is_none() {
+            return self.search(images, context, None);
+        }
         for k in 0..2 {
             let (line, reach, look) = match (&clicked, context.guess) {
                 (Some(points), _) => {
@@ -40,22 +43,16 @@ impl StereoTracker {
                     (line, AROUND_GUESS, look)
                 }
                 (None, Some(guess)) => self.near_guess(k, guess, context),
-                (None, None) => {
-                    let (look, _) = self.look(k, &self.scene, None, context);
-                    let tracker = &self.images[k];
-                    let line =
-                        find::find(images[k], tracker.background(), look.width, tracker.scale());
-                    (line.unwrap_or_default(), 4.0, look)
-                }
+                (None, None) => return Err(Loss::NotFound),
             };
             let tracker = &mut self.images[k];
             let reach = reach * tracker.scale();
-            let nothing = line.len() < 2;
-            if nothing || tracker.start(images[k], &line, reach, &look).is_err() {
-                // What looks like a needle is not made background.
-                if nothing && context.guess.is_none() && clicked.is_none() {
-                    tracker.learn(images[k]);
-                }
+            let begun = if line.len() < 2 {
+                Err(Flaw::Short)
+            } else {
+                tracker.start_dark_or_bright(images[k], &line, reach, &look)
+            };
+            if begun.is_err() {
                 self.forget_needle();
                 return Err(Loss::NotFound);
             }
@@ -121,11 +118,11 @@ impl StereoTracker {
 
     /// Points on both curves at equal parameters, triangulated: a start for the fit.
     fn first_curve(&self) -> Result<Curve3, Loss> {
-        let count = self.settings.control_points;
         let [Some(left), Some(right)] = [self.images[0].filter(), self.images[1].filter()] else {
             return Err(Loss::NotFound);
         };
         let curves = [left.curve(), right.curve()];
+        let count = curves[0].control_points().len();
         let mut points = [Vector3::zeros(); MOST];
         for (i, point) in points.iter_mut().enumerate().take(count) {
             let t = i as f64 / (count - 1) as f64;

@@ -5,9 +5,32 @@ use nalgebra::Vector2;
 
 use super::{Flaw, ImageTracker, Look, SURVIVORS};
 use crate::track::background::PAINTED;
+use crate::track::blur;
 use crate::track::curve::{Curve2, MOST, normal, weights};
-use crate::track::filter::{CurveFilter, Offset};
+use crate::track::filter::{Change, CurveFilter, Offset};
+use crate::track::matching::on_line;
 use crate::track::section::{Expected, cross};
+
+/// Ratios of the blur found to the one given between which that is believed: a needle's rounding
+/// and highlights look like blur.
+const BLUR: [f64; 2] = [0.5, 1.8];
+/// Limits of a blur found \[px\].
+const LEAST_BLUR: f64 = 0.4;
+const MOST_BLUR: f64 = 8.0;
+
+/// Misfit up to which a tip of unknown form is flat.
+const FLAT: f64 = 0.08;
+
+/// How a needle stands out from an image.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::track) struct Seen {
+    /// Brighter than the background.
+    pub bright: bool,
+    /// Difference of the grey levels.
+    pub contrast: f64,
+    /// Control points that its curve takes.
+    pub points: usize,
+}
 
 impl ImageTracker {
     /// Begins along `line`, from where the needle comes into sight to about its tip \[px\]; the
@@ -22,13 +45,52 @@ impl ImageTracker {
         reach: f64,
         look: &Look,
     ) -> Result<(), Flaw> {
+        self.begin(image, line, reach, look, None)
+    }
+
+    /// [`Self::start`] with a dark needle, and where there is none, with a bright one.
+    pub(in crate::track) fn start_dark_or_bright(
+        &mut self,
+        image: &GrayImage,
+        line: &[Vector2<f64>],
+        reach: f64,
+        look: &Look,
+    ) -> Result<(), Flaw> {
+        let bright = self.hints.bright.unwrap_or(false);
+        self.background.set_bright(bright);
+        self.start(image, line, reach, look).or_else(|flaw| {
+            if self.hints.bright.is_some() {
+                return Err(flaw);
+            }
+            self.background.set_bright(true);
+            let begun = self.start(image, line, reach, look);
+            self.background.set_bright(begun.is_ok());
+            begun.map_err(|_| flaw)
+        })
+    }
+
+    /// [`Self::start`], where it is known how the needle stands out from the image.
+    pub(in crate::track) fn begin(
+        &mut self,
+        image: &GrayImage,
+        line: &[Vector2<f64>],
+        reach: f64,
+        look: &Look,
+        seen: Option<&Seen>,
+    ) -> Result<(), Flaw> {
         if !self.background.fits(image) {
-            return Err(Flaw::Shaft);
+            return Err(Flaw::NOTHING);
         }
-        let first = self.along(image, line, reach, look).ok_or(Flaw::Shaft)?;
+        if let Some(seen) = seen {
+            self.background.set_bright(seen.bright);
+            self.contrast = seen.contrast / self.level(line).max(1.0);
+            self.points = seen.points;
+        }
+        let first = self.along(image, line, reach, look)?;
         let curve = self.extent(image, &first, look).ok_or(Flaw::Tip)?;
-        if curve.length() < self.settings.visible_px * self.scale {
-            return Err(Flaw::Shaft);
+        let shortest = self.settings.visible_px * self.scale;
+        if curve.length() < shortest {
+            return Err(Flaw::Short);
         }
         if self.background.images() == 0 {
             self.background.learn(image);
@@ -37,20 +99,64 @@ impl ImageTracker {
         let mut filter = CurveFilter::new(&curve, 3.0 * self.scale);
         self.bad = 1;
         self.jumped = None;
+        self.tapers = false;
         self.shaft(image, &mut filter, look, 1.0)?;
         filter.free_tip(self.settings.search_px * self.scale);
-        if !self.tip(image, &mut filter, look)? {
+        let mut found = self.tip(image, &mut filter, look);
+        let flat = found.is_ok() && self.misfit < FLAT;
+        if !flat && seen.is_some() && look.bevel_px < 1.0 {
+            // No flat end: a bevel of unknown length, or one that light and blur wash out.
+            self.tapers = true;
+            self.jumped = None;
+            found = self.tip(image, &mut filter, look);
+        }
+        if !found? {
             // Where a bubble ends is not where the needle does.
             return Err(Flaw::Tip);
         }
-        if filter.curve().length() < self.settings.visible_px * self.scale {
-            return Err(Flaw::Shaft);
+        if filter.curve().length() < shortest {
+            return Err(Flaw::Short);
         }
         let curve = filter.curve();
         self.gate = (curve.at(0.0), curve.derivative(0.0).normalize());
         self.bad = 0;
         self.filter = Some(filter);
         Ok(())
+    }
+
+    /// Takes the tip as tapering, as it does in the other image.
+    ///
+    /// # Errors
+    /// The needle ends nowhere.
+    pub(in crate::track) fn taper(&mut self, image: &GrayImage, look: &Look) -> Result<(), Flaw> {
+        let Some(mut filter) = self.filter.take() else {
+            return Err(Flaw::Tip);
+        };
+        self.tapers = true;
+        filter.free_tip(self.settings.search_px * self.scale);
+        // To begin with there is no gate.
+        self.bad = 1;
+        let found = self.tip(image, &mut filter, look);
+        self.bad = 0;
+        self.filter = Some(filter);
+        if found? { Ok(()) } else { Err(Flaw::Tip) }
+    }
+
+    /// Grey level of the background in the middle of a line.
+    fn level(&self, line: &[Vector2<f64>]) -> f64 {
+        on_line(line, 0.5).map_or(1.0, |middle| self.background.mean_at(middle))
+    }
+
+    /// Lets the curve begin at the share `start` of it: both images must show what is joined.
+    pub(in crate::track) fn cut(&mut self, start: f64) {
+        if let Some(filter) = &mut self.filter {
+            filter.predict(&Change {
+                start,
+                ..Change::default()
+            });
+            let curve = filter.curve();
+            self.gate = (curve.at(0.0), curve.derivative(0.0).normalize());
+        }
     }
 
     /// A smooth curve through the shaft near `line`.
@@ -60,19 +166,20 @@ impl ImageTracker {
         line: &[Vector2<f64>],
         reach: f64,
         look: &Look,
-    ) -> Option<Curve2> {
-        let count = self.settings.control_points;
+    ) -> Result<Curve2, Flaw> {
+        let count = self.points;
         let mut points = [Vector2::zeros(); MOST];
         for (i, point) in points.iter_mut().enumerate().take(count) {
-            *point = on_line(line, i as f64 / (count - 1) as f64)?;
+            *point = on_line(line, i as f64 / (count - 1) as f64).ok_or(Flaw::NOTHING)?;
         }
         let guess = Curve2::new(count, points);
         let mut filter = CurveFilter::new(&guess, reach);
         self.offsets.clear();
+        let (mut width, mut steepness) = (0.0, 0.0);
         for k in 0..self.settings.normals {
             let t = (k as f64 + 0.5) / self.settings.normals as f64;
-            let tangent = guess.derivative(t).try_normalize(1e-6)?;
-            let direction = normal(&tangent);
+            let tangent = guess.derivative(t).try_normalize(1e-6);
+            let direction = normal(&tangent.ok_or(Flaw::NOTHING)?);
             let expected = Expected {
                 width: look.width,
                 reach,
@@ -81,6 +188,8 @@ impl ImageTracker {
             };
             let section = cross(image, &self.background, guess.at(t), direction, &expected);
             if let Some(section) = section {
+                width += section.width;
+                steepness += section.steepness;
                 // Loose, so that smooth misfits of the guess are no outliers.
                 let variance = self.scale * self.scale;
                 let row = weights(count, t);
@@ -88,12 +197,25 @@ impl ImageTracker {
                     .push(Offset::new(row, direction, section.offset, variance));
             }
         }
-        if self.offsets.len() < SURVIVORS.1 {
-            return None;
+        let agree = self.offsets.len();
+        let flaw = Flaw::Shaft {
+            agree,
+            of: self.settings.normals,
+        };
+        if agree < SURVIVORS.1 {
+            return Err(flaw);
         }
-        let solution = self.robust(&mut filter, look, 1.0)?;
+        let found = blur::estimate(width / agree as f64, steepness / agree as f64);
+        let given = self.given_blur();
+        let ratio = found / given;
+        self.blur = if self.hints.blur_px.is_some() || (ratio > BLUR[0] && ratio < BLUR[1]) {
+            given
+        } else {
+            found.clamp(LEAST_BLUR, MOST_BLUR)
+        };
+        let solution = self.robust(&mut filter, look, 1.0).ok_or(flaw)?;
         filter.accept(&solution);
-        Some(filter.curve())
+        Ok(filter.curve())
     }
 
     /// The part of `curve`, prolonged, that shows a needle.
@@ -138,7 +260,7 @@ impl ImageTracker {
                 missed += 1;
             }
         }
-        let count = self.settings.control_points;
+        let count = self.points;
         let mut points = [Vector2::zeros(); MOST];
         for (i, point) in points.iter_mut().enumerate().take(count) {
             *point = curve.at(first + (last - first) * i as f64 / (count - 1) as f64);
@@ -150,7 +272,9 @@ impl ImageTracker {
     fn paint_out(&mut self, curve: &Curve2, look: &Look) {
         let half = 0.5 * look.width + 2.5 * self.scale;
         let steps = (curve.length() / PAINTED).ceil();
-        let margin = (look.bevel_px + 8.0 * self.scale) / curve.length().max(1.0);
+        // The tip may be a good deal farther on than the shaft's even part.
+        let ahead = (8.0 * self.scale).max(3.0 * look.width);
+        let margin = (look.bevel_px + ahead) / curve.length().max(1.0);
         let mut step = 0.0;
         while step <= steps {
             let t = (1.0 + margin) * step / steps;
@@ -161,22 +285,4 @@ impl ImageTracker {
             step += 1.0;
         }
     }
-}
-
-/// Point at a share of a polygon's length.
-fn on_line(line: &[Vector2<f64>], share: f64) -> Option<Vector2<f64>> {
-    let pieces = || {
-        line.windows(2)
-            .filter_map(|w| Some((*w.first()?, *w.last()?)))
-    };
-    let total: f64 = pieces().map(|(a, b)| (b - a).norm()).sum();
-    let mut left = share * total;
-    for (a, b) in pieces() {
-        let piece = (b - a).norm();
-        if left <= piece && piece > 0.0 {
-            return Some(a + (b - a) * (left / piece));
-        }
-        left -= piece;
-    }
-    line.last().copied()
 }
