@@ -6,8 +6,10 @@
 )]
 
 mod begin;
+mod flaw;
 
 pub(super) use begin::Seen;
+pub use flaw::Flaw;
 
 use core::hint::black_box;
 
@@ -38,27 +40,6 @@ const BEND_AGAIN: f64 = 1.0 / 30.0;
 const SHORT: f64 = 60.0;
 /// Images that are averaged to a background while no needle is in sight.
 const LEARNED: u32 = 16;
-
-/// What is wrong with the needle in one image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Flaw {
-    /// Too few normals agree on a shaft.
-    Shaft {
-        /// Normals that show one where the others do.
-        agree: usize,
-        /// Normals looked along.
-        of: usize,
-    },
-    /// No tip fits near the predicted one.
-    Tip,
-    /// What is seen of the needle is too short to be tracked.
-    Short,
-}
-
-impl Flaw {
-    /// Nothing to look at.
-    const NOTHING: Self = Self::Shaft { agree: 0, of: 0 };
-}
 
 /// How the needle appears in one image.
 #[derive(Clone, Copy, Debug, PartialEq)]
