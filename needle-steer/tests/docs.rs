@@ -148,7 +148,7 @@ fn is_pattern(command: &str) -> bool {
     command.contains("...")
         || command.contains("images")
         || command
-            .split_whitespace()
+            .split(|c: char| c.is_whitespace() || c == '/')
             .any(|word| word.len() > 1 && word.chars().all(|c| c.is_ascii_uppercase() || c == '_'))
 }
 
@@ -220,6 +220,7 @@ fn commands_of_the_other_pages_run() {
         "[arm]\ntip_link = \"needle_base\"\n",
     )
     .unwrap();
+    std::fs::write(folder.join("arm.urdf"), robots::arms::VIPER_S650).unwrap();
     let mut seen = BTreeSet::new();
     for (file, text) in pages() {
         if file.ends_with("TUTORIAL.md") {
@@ -228,7 +229,7 @@ fn commands_of_the_other_pages_run() {
         for command in commands(&text) {
             let first = command.split_whitespace().next().unwrap_or_default();
             // Devices that wait for a peer, pictures and logs that are not here.
-            let elsewhere = ["emulate", "calibrate", "track", "ros"].contains(&first)
+            let elsewhere = ["emulate", "calibrate", "track", "ros", "relay"].contains(&first)
                 || command.contains(" ros")
                 || command.contains(".mcap")
                 || command.contains('>');

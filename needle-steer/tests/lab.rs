@@ -496,21 +496,6 @@ fn what_cannot_be_read_is_named_and_nothing_is_written() {
     );
 }
 
-/// A disk that is full from the first byte.
-#[test]
-#[cfg(target_os = "linux")]
-fn a_full_disk_is_said_and_what_was_printed_is_right() {
-    let folder = folder("full");
-    std::os::unix::fs::symlink("/dev/full", folder.join("run.mcap")).unwrap();
-    let output = needle_steer(&["run", "--set", "target.depth_mm=20", "--out", text(&folder)]);
-    assert!(!output.status.success());
-    assert!(
-        stderr(&output).contains("No space left"),
-        "{}",
-        stderr(&output)
-    );
-}
-
 #[test]
 fn the_version_names_the_commit_of_a_checkout() {
     let version = stdout(&needle_steer(&["--version"]));
