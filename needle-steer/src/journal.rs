@@ -62,7 +62,13 @@ impl Journal {
     ) -> anyhow::Result<Self> {
         let name = insertion.map_or_else(String::new, |log| log.display().to_string());
         let file = File::create(place).with_context(|| place.display().to_string())?;
-        Self::labelled(file, place, config, bearings, Overflow::Drop, Some(name))
+        // Simulated time waits for the disk; a real arm does not.
+        let overflow = if config.is_real() {
+            Overflow::Drop
+        } else {
+            Overflow::Wait
+        };
+        Self::labelled(file, place, config, bearings, overflow, Some(name))
     }
 
     fn labelled(

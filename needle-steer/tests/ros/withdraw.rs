@@ -71,7 +71,7 @@ fn an_arm_whose_node_was_killed_is_withdrawn() {
         return;
     };
     let _alone = alone();
-    let mut laboratory = start(&master, &["emulate", "ros"]);
+    let mut laboratory = start(&master, &["emulate", "ros", "--set", "run.sensor=shape"]);
     let mut ready = String::new();
     let mut lines = BufReader::new(laboratory.0.stdout.take().unwrap());
     lines.read_line(&mut ready).unwrap();
