@@ -1,8 +1,8 @@
 //! The blur of an image, from how steep a needle's flanks are.
 
 /// Blurs that are tried, by the needle's half width.
-const TRIED: [f64; 12] = [
-    0.08, 0.12, 0.18, 0.26, 0.37, 0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5,
+const TRIED: [f64; 14] = [
+    0.03, 0.05, 0.08, 0.12, 0.18, 0.26, 0.37, 0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5,
 ];
 /// Length of a difference that stands for the slope \[px\].
 const STEP: f64 = 1.0;
