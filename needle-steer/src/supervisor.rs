@@ -85,8 +85,6 @@ impl Bounds {
 /// What the monitor found out before a command goes out.
 #[derive(Clone, Debug, Default)]
 pub struct Evidence {
-    /// The needle is being drawn back: that needs neither images nor a model.
-    pub withdrawing: bool,
     /// The tip stays behind the base.
     pub stalled: Option<Stalled>,
     /// Way of the tip that only moving tissue explains \[m\].
@@ -202,13 +200,8 @@ impl Supervisor {
             self.latched = self
                 .device(now, arm, telemetry)
                 .and(swing)
-                .and_then(|()| {
-                    if evidence.withdrawing {
-                        return Ok(());
-                    }
-                    self.measurements(now, evidence)?;
-                    self.needle(now, telemetry, evidence)
-                })
+                .and_then(|()| self.measurements(now, evidence))
+                .and_then(|()| self.needle(now, telemetry, evidence))
                 .err();
         }
         match &self.latched {
@@ -222,8 +215,6 @@ impl Supervisor {
         let model_fails = |(since, _): &(Stamp, String)| now.since(*since) > MODEL_HOLD;
         if self.bounds.dead_man.is_some() && !self.held {
             Some(Cause::Operator)
-        } else if evidence.withdrawing {
-            None
         } else if evidence.stalled.is_some() {
             Some(Cause::Stall)
         } else if evidence.implausible.is_some() {

@@ -62,11 +62,6 @@ impl Freshness {
     pub fn finding(&self) -> Option<Stale> {
         self.refused.1.filter(|_| self.refused.0 >= REFUSED)
     }
-
-    /// The oldest that a measurement may be.
-    pub const fn oldest(&self) -> Duration {
-        self.oldest
-    }
 }
 
 #[cfg(test)]

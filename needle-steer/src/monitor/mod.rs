@@ -64,11 +64,6 @@ impl Monitor {
         self.stall = Stall::default();
     }
 
-    /// The base's advance along the needle since the start \[m\].
-    pub fn advanced(&self) -> f64 {
-        self.advance.total()
-    }
-
     /// The tip stays behind the base.
     pub fn stalled(&self) -> Option<Stalled> {
         self.stall.finding()

@@ -14,13 +14,9 @@ impl Insertion<'_> {
     /// What the monitor has to say while the needle is being inserted.
     pub(super) fn evidence(&self, now: Stamp) -> Evidence {
         if !matches!(self.phase, Phase::PreInsertion | Phase::Steering) {
-            return Evidence {
-                withdrawing: self.phase == Phase::Retracting,
-                ..Evidence::default()
-            };
+            return Evidence::default();
         }
         Evidence {
-            withdrawing: false,
             stalled: self.monitor.stalled(),
             tissue_motion: self.monitor.tissue_motion(now),
             largest_tissue_motion: self.monitor.largest_tissue_motion(),
