@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 
 use hal::{Joints, Twist};
-use nalgebra::{Isometry3, Rotation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 use robots::kinematics::{Chain, JointKind, RateSettings};
 
 use crate::config::{Config, TargetKind};
@@ -385,7 +385,8 @@ fn least_room(chain: &Chain, q: &Joints) -> (f64, usize) {
 
 /// Translation and rotation vector from `a` to `b`.
 fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    let turn: Rotation3<f64> = (b.rotation * a.rotation.inverse()).to_rotation_matrix();
+    // Not by a matrix: the angle of one that is rounded beyond the identity is not a number.
+    let turn = b.rotation * a.rotation.inverse();
     (
         b.translation.vector - a.translation.vector,
         turn.scaled_axis(),

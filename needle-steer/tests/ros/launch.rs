@@ -139,9 +139,16 @@ fn sim_launch_runs_the_default_insertion_to_its_target() {
     check_frames(&master);
     let (on, answer) = call(&master, "/needle_steer/start");
     assert!(on, "{answer}");
+    let inserting = wait_until(Duration::from_secs(40), || {
+        phase(&master).contains("Steering")
+    });
+    assert!(inserting, "{}", phase(&master));
+    // Held, so that the insertion does not end while rviz comes up beside other tests.
+    let (held, answer) = call(&master, "/needle_steer/pause");
+    assert!(held, "{answer}");
     if let Some(screen) = &screen {
         let mut found = String::new();
-        let shown = wait_until(Duration::from_mins(1), || {
+        let shown = wait_until(Duration::from_mins(3), || {
             let dump = screen.dump(&master);
             if dump.is_empty() {
                 return false;
@@ -158,6 +165,8 @@ fn sim_launch_runs_the_default_insertion_to_its_target() {
         // It needs the processor that the rates below need.
         master.run(20, "rosnode", &["kill", "/rviz"]);
     }
+    let (on, answer) = call(&master, "/needle_steer/resume");
+    assert!(on, "{answer}");
     let rate = rate(&master, "/joint_states");
     println!("joint_states: {rate} Hz");
     assert!((95.0..=105.0).contains(&rate), "{rate} Hz");

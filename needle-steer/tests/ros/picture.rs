@@ -110,7 +110,7 @@ pub(crate) fn shows_the_scene(picture: &Picture) -> (bool, String) {
     let needle = picture.find(|[r, g, b]| b > r.saturating_add(8) && b > 180 && g >= r);
     let arm = picture.find(|[r, g, b]| r.abs_diff(g) <= 6 && g.abs_diff(b) <= 10 && r >= 60);
     let found = format!("target {target:?}, axis {axis:?}, needle {needle:?}, arm {arm:?}");
-    let seen = target.0 > 10 && axis.0 > 8 && needle.0 > 20 && arm.0 > 20_000;
+    let seen = target.0 > 4 && axis.0 > 8 && needle.0 > 20 && arm.0 > 20_000;
     // From top to bottom on the screen: needle, tip axis, target; the arm to their left.
     let placed = needle.1[1] < axis.1[1] && axis.1[1] < target.1[1] && arm.1[0] < needle.1[0];
     (seen && placed, found)

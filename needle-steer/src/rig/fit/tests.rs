@@ -121,3 +121,28 @@ fn a_place_that_is_suggested_is_one() {
         }
     }
 }
+
+/// What an insertion meets does not depend on how far the arm's first axis has turned it.
+#[test]
+fn a_way_is_judged_alike_wherever_the_arm_points() {
+    use robots::arms::{NEEDLE_BASE, VIPER_S650};
+
+    let chain = Chain::from_urdf(VIPER_S650, NEEDLE_BASE).unwrap();
+    let demand = Demand {
+        depth: 0.033,
+        tilt: 0.07,
+        length: 0.126,
+    };
+    for (elbow, wrist) in [(2.4, 1.2), (2.8, 0.9)] {
+        let courses = (0..60).map(|k| {
+            let turn = 0.01 * f64::from(k);
+            let q = Joints::from([turn, -0.9, elbow, 0.0, wrist, 0.0]);
+            follow(&chain, &q, &demand).unwrap_or_else(|why| panic!("{turn}: {why}"))
+        });
+        let least: Vec<f64> = courses.map(|course| course.dexterity).collect();
+        for dexterity in &least {
+            // Poses are approached to 0.05 mm and 0.5 mrad.
+            assert!((dexterity - least[0]).abs() < 2e-3, "{dexterity} {least:?}");
+        }
+    }
+}
