@@ -1,6 +1,6 @@
 //! The cameras of a configuration, and what the controller is told about them.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use hal::Transform;
 use hal::frame::{LeftCamera, RightCamera, World};
@@ -8,7 +8,7 @@ use nalgebra::Isometry3;
 use phantom::camera::{self as truth, CameraSettings, RigParameters};
 use vision::StereoRig;
 use vision::camera::{Camera, Container, Distortion, FlatWindow};
-use vision::files::{FileError, read_stereo};
+use vision::files::{FileError, ReadOptions, read_calibration};
 use vision::register::read_registration;
 
 use crate::config::Config;
@@ -46,8 +46,17 @@ pub fn measured(config: &Config) -> Result<Option<Measured>, FileError> {
     if cameras.calibration.is_empty() {
         return Ok(None);
     }
+    let files: Vec<PathBuf> = [&cameras.calibration, &cameras.second_calibration]
+        .into_iter()
+        .filter(|name| !name.is_empty())
+        .map(PathBuf::from)
+        .collect();
+    let options = ReadOptions {
+        unit: (cameras.unit_mm > 0.0).then_some(cameras.unit_mm * 1e-3),
+        image_sizes: None,
+    };
     Ok(Some(Measured {
-        rig: read_stereo(Path::new(&cameras.calibration))?.rig,
+        rig: read_calibration(&files, &options)?.file.rig,
         world_from_left_camera: read_registration(Path::new(&cameras.registration))?,
     }))
 }

@@ -155,6 +155,28 @@ fn stereo_finds_made_up_cameras_and_refuses_by_name() {
     assert!((baseline + BASELINE_M).abs() < 0.2e-3, "{baseline}");
     assert!(found["rejected"].as_array().unwrap().is_empty());
 
+    // Kalibr has no third radial coefficient: its file is written of the lens it knows.
+    assert!(!out.join("camchain.yaml").exists());
+    let mut arguments = vec![
+        "stereo",
+        "--board",
+        "9x6",
+        "--square-mm",
+        "20",
+        "--lens",
+        "radtan",
+    ];
+    let kalibr = at.join("radtan");
+    arguments.extend(["--out", kalibr.to_str().unwrap(), "--left"]);
+    arguments.extend(left[..5].iter().map(String::as_str));
+    arguments.push("--right");
+    arguments.extend(right[..5].iter().map(String::as_str));
+    assert!(calibrate(&arguments).status.success());
+    let rigs = ["camchain.yaml", "stereo.yml"]
+        .map(|name| vision::files::read_stereo(&kalibr.join(name)).unwrap().rig);
+    assert!((rigs[0].left.fx - rigs[1].left.fx).abs() < 1e-9);
+    assert_eq!(rigs[0].left.distortion, rigs[1].left.distortion);
+
     // From here on everything is refused: what stands in the folder must stay.
     let files = ["report.html", "left.yaml", "right.yaml", "stereo.yml"];
     for file in files {
@@ -278,6 +300,52 @@ fn recorded(count: usize) -> (Isometry3<f64>, Value) {
     )
 }
 
+/// The same calibration in two files and in millimetres gives the same registration, in any order
+/// of the arguments, and the same cameras in a run's configuration.
+fn two_files_in_millimetres(path: &dyn Fn(&str) -> String, out: &str, found: &Value) {
+    let whole = stereo_yml(FOCAL_PX).replace(
+        &format!("{:?}", [-BASELINE_M, 0.0, 0.0]),
+        &format!("{:?}", [-1e3 * BASELINE_M, 0.0, 0.0]),
+    );
+    let (intrinsics, extrinsics) = whole.split_at(whole.find("R: ").unwrap());
+    std::fs::write(path("intrinsics.yml"), intrinsics).unwrap();
+    std::fs::write(path("extrinsics.yml"), extrinsics).unwrap();
+    let poses = path("poses.json");
+    let (one, two) = (path("intrinsics.yml"), path("extrinsics.yml"));
+    let files = ["--calibration", &one, &two];
+    let rest = ["--out", out, "--json"];
+    for order in [
+        [&["register", &poses][..], &files[..]],
+        [&["register"], &files],
+    ] {
+        let mut arguments = order.concat();
+        if !arguments.contains(&poses.as_str()) {
+            arguments.push(&poses);
+        }
+        arguments.extend(rest);
+        refused(&calibrate(&arguments), "--unit-mm 1");
+        arguments.extend(["--unit-mm", "1"]);
+        let done = calibrate(&arguments);
+        let again: Value = serde_json::from_slice(&done.stdout).unwrap();
+        let entry = |v: &Value| v["world_from_left_camera"][0][3].as_f64().unwrap();
+        assert!((entry(&again) - entry(found)).abs() < 1e-9);
+    }
+    let mut config = needle_steer::config::Config::default();
+    config.cameras.calibration = one;
+    config.cameras.second_calibration = two;
+    config.cameras.registration = out.to_owned();
+    let error = needle_steer::cameras::measured(&config)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("cameras.unit_mm"), "{error}");
+    config.cameras.unit_mm = 1.0;
+    let rig = needle_steer::cameras::measured(&config)
+        .unwrap()
+        .unwrap()
+        .rig;
+    assert!((rig.baseline() - BASELINE_M).abs() < 1e-12);
+}
+
 #[test]
 fn register_finds_the_cameras_and_refuses_by_name() {
     let at = folder("made_up_register");
@@ -321,6 +389,7 @@ fn register_finds_the_cameras_and_refuses_by_name() {
         }
     }
     assert!(found["fre_mm"].as_f64().unwrap() < 1e-3);
+    two_files_in_millimetres(&path, &out, &found);
     assert!(found["predicted_tre_mm"].as_f64().unwrap() > 0.0);
 
     // From here on everything is refused: the file must stay.

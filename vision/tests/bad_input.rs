@@ -121,6 +121,24 @@ fn a_false_corner_is_noticed() {
 }
 
 #[test]
+fn the_end_of_a_line_bent_away_costs_its_corners_and_not_their_image() {
+    let mut rng = rng(8);
+    let poses = poses(8, 0.6, &mut rng);
+    let mut views = pairs(&poses, 0.1, &mut rng);
+    // Where a lens folds over, a column may run off smoothly: no single corner shows it.
+    for (row, off) in [(2, 0.16), (3, 1.3), (4, 4.3), (5, 10.2)] {
+        views[1].right[9 * row].x -= off;
+    }
+    let c = calibrate(&views).unwrap();
+    let corners = c.rejected.iter().filter(|r| {
+        matches!(&r.reason, RejectReason::Corner { image, corner, .. }
+            if image == "right01.png" && corner % 9 == 0)
+    });
+    assert_eq!((c.views.len(), corners.count()), (8, 3), "{:?}", c.rejected);
+    assert!((c.rig.left.fx / rig().left.fx - 1.0).abs() < 2e-3);
+}
+
+#[test]
 fn a_view_that_the_others_contradict_is_rejected_by_name() {
     let mut rng = rng(4);
     let poses = poses(9, 0.6, &mut rng);

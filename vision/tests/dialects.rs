@@ -8,8 +8,12 @@
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
+use vision::StereoRig;
 use vision::camera::{Distortion, LensModel};
-use vision::files::{ReadCalibration, ReadOptions, read_calibration, read_camera};
+use vision::files::{
+    ReadCalibration, ReadOptions, StereoFile, camchain, camera_info, read_calibration, read_camera,
+    stereo_yml,
+};
 
 fn folder(name: &str) -> PathBuf {
     let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
@@ -178,7 +182,9 @@ fn intrinsics_and_extrinsics_apart_take_their_size_from_the_images_and_their_uni
     };
     let error = read("apart", &files, &no_unit).unwrap_err();
     assert!(
-        error.contains("baseline 80.4") && error.contains("--unit-mm 1"),
+        error.contains("baseline 80.4")
+            && error.contains("--unit-mm 1")
+            && error.contains("extrinsics.yml: key `T`"),
         "{error}"
     );
     let error = read("apart", &files[..1], &options).unwrap_err();
@@ -386,8 +392,58 @@ fn kalibrs_camchain_is_read_with_its_models() {
     let lens = fisheye.file.rig.left.distortion;
     assert_eq!((lens.model, lens.k3), (LensModel::Equidistant, 0.0003));
     assert!(fisheye.notes[0].contains("equidistant"));
+    // Some forks add the third radial coefficient.
+    let five = KALIBR.replace("-0.0002, 0.0004]", "-0.0002, 0.0004, 0.02]");
+    let lens = one("kalibr", &five).unwrap().file.rig.right.distortion;
+    assert_eq!((lens.model, lens.k3), (LensModel::PlumbBob, 0.02));
     let error = one("kalibr", &KALIBR.replace("pinhole", "omni")).unwrap_err();
     assert!(error.contains("`omni`"), "{error}");
+}
+
+#[test]
+fn what_is_read_and_written_again_is_the_same_in_every_dialect() {
+    let near = |a: &StereoRig, b: &StereoRig, dialect: &str| {
+        for (a, b) in [(&a.left, &b.left), (&a.right, &b.right)] {
+            assert_eq!((a.width, a.height), (b.width, b.height));
+            for (x, y) in a.intrinsics().iter().zip(b.intrinsics()) {
+                assert!(
+                    (x - y).abs() <= 1e-12 * x.abs().max(1.0),
+                    "{dialect}: {x} {y}"
+                );
+            }
+        }
+        let pose = |rig: &StereoRig| rig.right_from_left.to_homogeneous();
+        let off = (pose(a) - pose(b)).amax();
+        assert!(off < 1e-12, "{dialect}: {off}");
+    };
+    for text in [
+        KALIBR.to_owned(),
+        KALIBR.replace("radtan", "equidistant"),
+        opencv(OURS),
+    ] {
+        let rig = one("again", &text).unwrap().file.rig;
+        let file = StereoFile {
+            rig,
+            covariance: None,
+            corner_sigma_px: None,
+        };
+        let back = one("again", &stereo_yml(&file)).unwrap().file.rig;
+        near(&rig, &back, "stereo.yml");
+        assert_eq!(back.left.distortion.model, rig.left.distortion.model);
+        let infos = camera_info(&rig).map(|info| info.to_yaml());
+        let at = folder("again-info");
+        let paths = ["left.yaml", "right.yaml"].map(|name| at.join(name));
+        for (path, text) in paths.iter().zip(&infos) {
+            std::fs::write(path, text).unwrap();
+        }
+        let back = read_calibration(&paths, &ReadOptions::default()).unwrap();
+        near(&rig, &back.file.rig, "camera_info");
+        if let Some(text) = camchain(&rig) {
+            near(&rig, &one("again", &text).unwrap().file.rig, "camchain");
+        } else {
+            assert_ne!(rig.left.distortion.k3, 0.0);
+        }
+    }
 }
 
 #[test]

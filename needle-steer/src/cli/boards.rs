@@ -16,11 +16,12 @@ use super::calibrate::{CameraOutput, board_size, camera_output, name, square};
 use super::{Usage, print_json};
 
 /// Names of the lens models.
-pub(super) const LENSES: [&str; 3] = ["plumb_bob", "rational_polynomial", "equidistant"];
+pub(super) const LENSES: [&str; 4] = ["plumb_bob", "radtan", "rational_polynomial", "equidistant"];
 
 /// The lens model of a name of [`LENSES`].
 pub(super) fn lens(name: &str) -> LensModel {
     match name {
+        "radtan" => LensModel::RadTan,
         "rational_polynomial" => LensModel::RationalPolynomial,
         "equidistant" => LensModel::Equidistant,
         _ => LensModel::PlumbBob,

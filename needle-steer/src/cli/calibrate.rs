@@ -50,7 +50,7 @@ pub(super) struct StereoArgs {
     #[arg(long)]
     square_mm: f64,
     /// Folder for `report.html`, `left.yaml`, `right.yaml`, `stereo.yml`, and `camchain.yaml`
-    /// (Kalibr) where it has the lens model; made if missing.
+    /// where Kalibr has the lens model (`radtan`, `equidistant`); made if missing.
     #[arg(long)]
     out: PathBuf,
     /// Model of both lenses.
@@ -64,10 +64,10 @@ pub(super) struct StereoArgs {
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
     /// Recorded poses (JSON).
-    poses: PathBuf,
-    /// The stereo calibration; twice for two files (both cameras', left first, or intrinsics and
+    poses: Option<PathBuf>,
+    /// The stereo calibration: one file, or two (both cameras', left first, or intrinsics and
     /// extrinsics).
-    #[arg(long, required = true)]
+    #[arg(long, required = true, num_args = 1..=2)]
     calibration: Vec<PathBuf>,
     /// Unit of the calibration's lengths \[mm\], where it is not the metre: 1 for millimetres.
     #[arg(long)]
@@ -295,14 +295,32 @@ fn print_stereo(c: &StereoCalibration, out: &Path) -> std::io::Result<()> {
     writeln!(stdout, "baseline {:.3} mm", c.rig.baseline() * 1e3)?;
     writeln!(
         stdout,
-        "report, left.yaml, right.yaml, stereo.yml in {}",
+        "report, left.yaml, right.yaml, stereo.yml{} in {}",
+        if camchain(&c.rig).is_some() {
+            ", camchain.yaml"
+        } else {
+            ""
+        },
         out.display()
-    )
+    )?;
+    if camchain(&c.rig).is_none() {
+        writeln!(
+            stdout,
+            "no camchain.yaml: Kalibr knows the lenses radtan and equidistant (--lens)"
+        )?;
+    }
+    Ok(())
 }
 
 fn registration(args: &RegisterArgs) -> anyhow::Result<ExitCode> {
-    let calibration = calibration::read(&args.calibration, args.unit_mm, None)?;
-    let (target, poses, options) = read_poses(&args.poses).map_err(|e| Usage(e.to_string()))?;
+    // Behind `--calibration A` the poses are taken for a second calibration file.
+    let (files, recorded) = match (&args.poses, args.calibration.as_slice()) {
+        (Some(poses), files) => (files, poses),
+        (None, [files @ .., poses]) if !files.is_empty() => (files, poses),
+        _ => return Err(Usage("POSES is missing: the recorded poses (JSON)".to_owned()).into()),
+    };
+    let calibration = calibration::read(files, args.unit_mm, None)?;
+    let (target, poses, options) = read_poses(recorded).map_err(|e| Usage(e.to_string()))?;
     let found = register(
         &calibration.rig,
         calibration.covariance.as_ref(),
@@ -310,7 +328,7 @@ fn registration(args: &RegisterArgs) -> anyhow::Result<ExitCode> {
         &poses,
         &options,
     )
-    .map_err(|e| Usage(format!("{}: {e}", args.poses.display())))?;
+    .map_err(|e| Usage(format!("{}: {e}", recorded.display())))?;
     let left_from_world = found.world_from_left_camera.inverse();
     let places: Vec<_> = poses
         .iter()

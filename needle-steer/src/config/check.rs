@@ -174,6 +174,21 @@ impl Config {
                 problem: format!("missing: cameras.{other} is given, and one needs the other"),
             });
         }
+        if cameras.calibration.is_empty() && !cameras.second_calibration.is_empty() {
+            return Err(Invalid {
+                key: "cameras.calibration".into(),
+                problem: "missing: cameras.second_calibration is given".to_owned(),
+            });
+        }
+        if !(cameras.unit_mm >= 0.0 && cameras.unit_mm.is_finite()) {
+            return Err(Invalid {
+                key: "cameras.unit_mm".into(),
+                problem: format!(
+                    "expected 0 (metres), 1 (millimetres) or a square's side, found {}",
+                    cameras.unit_mm
+                ),
+            });
+        }
         self.tracking.validate().map_err(|e| Invalid {
             key: format!("tracking.{}", e.key),
             problem: e.to_string(),

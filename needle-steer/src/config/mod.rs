@@ -394,9 +394,13 @@ impl Default for Viper {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Cameras {
-    /// Stereo calibration (`stereo.yml` of `calibrate stereo`) of the cameras; empty for
-    /// simulated ones, whose calibration comes with them.
+    /// Stereo calibration (`stereo.yml` of `calibrate stereo`, or another program's file) of the
+    /// cameras; empty for simulated ones, whose calibration comes with them.
     pub calibration: String,
+    /// Its second file where it comes in two: the right camera's, or the extrinsics.
+    pub second_calibration: String,
+    /// Unit of the calibration's lengths \[mm\]; 0 for metres, checked for plausibility.
+    pub unit_mm: f64,
     /// Their registration to the arm (of `calibrate register`); goes with the calibration.
     pub registration: String,
     /// Width of the simulated images: 640 (x 480) or 1280 (x 960) \[px\].
@@ -409,6 +413,8 @@ impl Default for Cameras {
     fn default() -> Self {
         Self {
             calibration: String::new(),
+            second_calibration: String::new(),
+            unit_mm: 0.0,
             registration: String::new(),
             width_px: 640,
             simulated: toml::Table::new(),

@@ -155,6 +155,7 @@ pub fn blind(config: &Config) -> Config {
     let mut config = config.clone();
     config.run.sensor = SensorKind::Shape;
     config.cameras.calibration.clear();
+    config.cameras.second_calibration.clear();
     config.cameras.registration.clear();
     config
 }

@@ -230,12 +230,13 @@ impl Observer for Session {
 /// What ROS is told of a calibrated pair.
 pub(super) fn camera_models(pair: &StereoRig) -> [CameraModel; 2] {
     let model = |camera: &Camera, shift: f64| {
-        let d = &camera.distortion;
+        let (distortion_model, distortion) = camera.distortion.ros();
         CameraModel {
             width: u32::try_from(camera.width).unwrap_or(u32::MAX),
             height: u32::try_from(camera.height).unwrap_or(u32::MAX),
             intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
-            distortion: [d.k1, d.k2, d.p1, d.p2, d.k3],
+            distortion_model,
+            distortion,
             shift,
         }
     };

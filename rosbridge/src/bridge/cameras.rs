@@ -8,7 +8,7 @@ use crate::msg::sensor_msgs;
 use crate::seam::{Node, NodeClock, NodeError, Outlet};
 
 /// A camera's parameters as OpenCV and ROS have them \[px\].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct CameraModel {
     /// Width \[px\].
     pub width: u32,
@@ -16,8 +16,10 @@ pub struct CameraModel {
     pub height: u32,
     /// fx, fy, cx, cy \[px\]; pixel centres are integers.
     pub intrinsics: [f64; 4],
-    /// k1, k2, p1, p2, k3.
-    pub distortion: [f64; 5],
+    /// ROS's name of the lens model: `plumb_bob`, `rational_polynomial`, `equidistant`.
+    pub distortion_model: &'static str,
+    /// The model's coefficients, as ROS orders them: five, eight, four.
+    pub distortion: Vec<f64>,
     /// First row's last entry of the projection matrix: -fx times the distance to the left
     /// camera \[px m\]; 0 for the left camera.
     pub shift: f64,
@@ -30,8 +32,8 @@ impl CameraModel {
             header,
             height: self.height,
             width: self.width,
-            distortion_model: "plumb_bob".to_owned(),
-            D: self.distortion.to_vec(),
+            distortion_model: self.distortion_model.to_owned(),
+            D: self.distortion.clone(),
             K: [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
             R: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             P: [

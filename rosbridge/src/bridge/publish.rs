@@ -100,7 +100,7 @@ impl Publisher {
         let tick = (1.0 / options.rates.joint_states_hz).max(SHORTEST);
         let [left, right] = match options.cameras {
             Some(models) => models.map(Some),
-            None => [None; 2],
+            None => [None, None],
         };
         let clock = if time == TimeBase::Simulated {
             Some(Outlet::new(node, "/clock", 10, false)?)

@@ -188,14 +188,15 @@ fn bridge() {
         width: 640,
         height: 480,
         intrinsics,
-        distortion: [0.0; 5],
+        distortion_model: "equidistant",
+        distortion: vec![0.0; 4],
         shift: 0.0,
     };
     let options = BridgeOptions {
         joint_names: (1..=6).map(|i| format!("joint_{i}")).collect(),
         joint_states: true,
         frames: frames(),
-        cameras: Some([model; 2]),
+        cameras: Some([model.clone(), model]),
         rates: Rates::default(),
     };
     let bridge = Bridge::new(&node, options).unwrap();

@@ -71,7 +71,7 @@ fn contents_are_the_runs() {
         image.contains("length: 307200") && image.contains("mono8"),
         "{image}"
     );
-    assert!(echo("/left/camera_info").contains("plumb_bob"));
+    assert!(echo("/left/camera_info").contains("equidistant"));
     let diagnostics = echo("/diagnostics");
     assert!(diagnostics.contains("needle_steer: run"), "{diagnostics}");
     assert!(diagnostics.contains("Steering, Straight"), "{diagnostics}");

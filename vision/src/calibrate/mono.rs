@@ -6,7 +6,7 @@ use super::bundle::{inverse, reduced};
 use super::determined::{no_fit, well_posed};
 use super::monocular::fit;
 use super::normal::{INTRINSICS, Observed, residuals};
-use super::stereo::{CalibrationError, StereoOptions};
+use super::stereo::{CalibrationError, StereoOptions, plain, too_many};
 use crate::camera::Camera;
 
 /// A board in one image.
@@ -71,14 +71,16 @@ pub fn calibrate_mono(
         let camera = found.bundle.camera;
         let poses = &found.bundle.camera_from_board;
         let misses = misses(&camera, poses, points, &observed);
-        let of_view: Vec<f64> = misses.iter().map(|m| rms(m.iter().flatten())).collect();
-        let limit = options.view_limit_px.max(3.0 * median(of_view.clone()));
         // The median length of a plane's Gaussian is 1.177 sigma.
         let sigma = median(misses.iter().flatten().flatten().copied().collect()) / 1.177;
         let corner_limit = options.corner_limit_px.max(8.0 * sigma);
-        let spoiled: Vec<bool> = of_view.iter().map(|rms| *rms > limit).collect();
+        let of_view: Vec<f64> = misses.iter().map(|m| rms(plain(m, corner_limit))).collect();
+        let limit = options.view_limit_px.max(3.0 * median(of_view.clone()));
+        let spoils = |m: &Vec<_>| too_many(m, corner_limit) || rms(plain(m, corner_limit)) > limit;
+        let spoiled: Vec<bool> = misses.iter().map(spoils).collect();
         if spoiled.contains(&true) {
-            for (view, rms) in used.iter().zip(&of_view).filter(|(_, rms)| **rms > limit) {
+            for ((view, miss), _) in used.iter().zip(&misses).zip(&spoiled).filter(|(_, s)| **s) {
+                let rms = rms(miss.iter().flatten());
                 rejected.push(format!(
                     "{}: the others contradict it (RMS {rms:.2} px, limit {limit:.2} px)",
                     view.name

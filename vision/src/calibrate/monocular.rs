@@ -71,7 +71,10 @@ pub(super) fn fit<'a>(
         LensModel::Equidistant => zhang::fisheye_start(board, observed, image_size),
         _ => zhang::start(board, observed, image_size),
     };
-    let start = start.ok_or(NoMinimum::Singular)?;
+    let mut start = start.ok_or(NoMinimum::Singular)?;
+    if lens == LensModel::RadTan {
+        start.camera.distortion.model = lens;
+    }
     let found = minimise(Monocular {
         camera: start.camera,
         camera_from_board: start.camera_from_board,

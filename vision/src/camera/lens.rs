@@ -16,6 +16,9 @@ pub enum LensModel {
     /// Brown-Conrady: k1 k2 p1 p2 k3.
     #[default]
     PlumbBob,
+    /// Brown-Conrady without its third radial coefficient, Kalibr's: k1 k2 p1 p2.
+    #[serde(rename = "radtan")]
+    RadTan,
     /// Brown-Conrady over a polynomial: k1 k2 p1 p2 k3 k4 k5 k6.
     RationalPolynomial,
     /// Fisheye: the angle to the axis times a polynomial, k1 k2 k3 k4.
@@ -23,10 +26,11 @@ pub enum LensModel {
 }
 
 impl LensModel {
-    /// ROS's name of the model.
+    /// ROS's name of the model; Kalibr's of [`Self::RadTan`], for which ROS has none.
     pub const fn name(self) -> &'static str {
         match self {
             Self::PlumbBob => "plumb_bob",
+            Self::RadTan => "radtan",
             Self::RationalPolynomial => "rational_polynomial",
             Self::Equidistant => "equidistant",
         }
@@ -36,6 +40,7 @@ impl LensModel {
     pub const fn used(self) -> &'static [usize] {
         match self {
             Self::PlumbBob => &[0, 1, 2, 3, 4, 5, 6, 7, 8],
+            Self::RadTan => &[0, 1, 2, 3, 4, 5, 6, 7],
             Self::RationalPolynomial => &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11],
             Self::Equidistant => &[0, 1, 2, 3, 4, 5, 8, 9],
         }
@@ -94,6 +99,13 @@ impl Distortion {
         }
     }
 
+    /// Brown-Conrady without k3, from OpenCV's order: k1 k2 p1 p2.
+    pub const fn radtan([k1, k2, p1, p2]: [f64; 4]) -> Self {
+        let mut lens = Self::from_array([k1, k2, p1, p2, 0.0]);
+        lens.model = LensModel::RadTan;
+        lens
+    }
+
     /// The rational model, from OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6.
     pub const fn rational([k1, k2, p1, p2, k3, k4, k5, k6]: [f64; 8]) -> Self {
         Self {
@@ -124,7 +136,16 @@ impl Distortion {
         }
     }
 
-    /// The model's own coefficients, in OpenCV's order: five, eight or four.
+    /// ROS's name of the model, and the coefficients that ROS expects with it: of
+    /// [`LensModel::RadTan`] the five of `plumb_bob`, which it is with k3 = 0.
+    pub fn ros(&self) -> (&'static str, Vec<f64>) {
+        match self.model {
+            LensModel::RadTan => (LensModel::PlumbBob.name(), self.to_array().to_vec()),
+            model => (model.name(), self.coefficients()),
+        }
+    }
+
+    /// The model's own coefficients, in OpenCV's order: five, four, eight or four.
     pub fn coefficients(&self) -> Vec<f64> {
         let all = self.slots();
         let used = self.model.used().iter().skip(4);
@@ -178,7 +199,7 @@ impl Distortion {
     pub fn apply(&self, n: &Vector2<f64>) -> Vector2<f64> {
         let r2 = n.x * n.x + n.y * n.y;
         let radial = match self.model {
-            LensModel::PlumbBob => self.radial(r2).0,
+            LensModel::PlumbBob | LensModel::RadTan => self.radial(r2).0,
             LensModel::RationalPolynomial => {
                 let (over, under) = self.radial(r2);
                 over / under
@@ -196,7 +217,7 @@ impl Distortion {
         // The radial factor and twice its derivative by r2.
         let (radial, slope) = match self.model {
             LensModel::Equidistant => self.fisheye(r2),
-            LensModel::PlumbBob => {
+            LensModel::PlumbBob | LensModel::RadTan => {
                 let slope = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + 3.0 * r2 * self.k3));
                 (self.radial(r2).0, slope)
             }
@@ -260,7 +281,11 @@ impl Distortion {
             by(r4),
             Vector2::new(2.0 * x * y, r2 + 2.0 * y * y),
             Vector2::new(r2 + 2.0 * x * x, 2.0 * x * y),
-            by(r6),
+            if self.model == LensModel::RadTan {
+                none
+            } else {
+                by(r6)
+            },
             below(r2),
             below(r4),
             below(r6),
@@ -383,8 +408,9 @@ impl Distortion {
 mod tests {
     use super::*;
 
-    fn lenses() -> [Distortion; 3] {
+    fn lenses() -> [Distortion; 4] {
         [
+            Distortion::radtan([-0.29, 0.12, 0.0013, -0.0002]),
             Distortion::from_array([-0.29, 0.12, 0.0013, -0.0002, -0.04]),
             Distortion::rational([0.4, -0.3, 0.001, -0.0005, 0.05, 0.7, -0.1, 0.02]),
             Distortion::equidistant([-0.02, 0.015, -0.008, 0.001]),

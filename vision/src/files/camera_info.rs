@@ -80,14 +80,14 @@ impl CameraInfo {
             let (rows, cols) = m.shape();
             format!("{key}:\n  rows: {rows}\n  cols: {cols}\n  data: [{data}]\n")
         };
-        let d = c.distortion.coefficients();
+        let (model, d) = c.distortion.ros();
         let d = DMatrix::from_row_slice(1, d.len(), &d);
         let dynamic3 = |m: &Matrix3<f64>| DMatrix::from_column_slice(3, 3, m.as_slice());
         [
             format!("image_width: {}\nimage_height: {}\n", c.width, c.height),
             format!("camera_name: {}\n", self.name),
             matrix("camera_matrix", &dynamic3(&c.matrix())),
-            format!("distortion_model: {}\n", c.distortion.model.name()),
+            format!("distortion_model: {}\n", model),
             matrix("distortion_coefficients", &d),
             matrix("rectification_matrix", &dynamic3(&self.rectification)),
             matrix(

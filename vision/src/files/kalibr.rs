@@ -14,6 +14,7 @@ pub fn camchain(rig: &StereoRig) -> Option<String> {
         let mut coefficients = d.coefficients();
         coefficients.truncate(4);
         let model = match d.model {
+            LensModel::RadTan => "radtan",
             LensModel::PlumbBob if d.k3 == 0.0 => "radtan",
             LensModel::Equidistant => "equidistant",
             _ => return None,

@@ -6,6 +6,8 @@ mod reject;
 
 pub use outcome::{Influence, RejectReason, Rejected, StereoCalibration, ViewFit};
 
+pub(super) use reject::{plain, too_many};
+
 use core::fmt::Write as _;
 
 use hal::Transform;

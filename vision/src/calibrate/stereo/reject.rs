@@ -44,15 +44,6 @@ pub(super) fn reject(
             ]
         })
         .collect();
-    // A view is as good as the worse of its images.
-    let view_rms: Vec<f64> = misses
-        .iter()
-        .map(|view| {
-            let of = |side: usize| rms(view[side].iter().flatten());
-            of(0).max(of(1))
-        })
-        .collect();
-    let limit = options.view_limit_px.max(3.0 * median(&view_rms));
     let all: Vec<f64> = misses
         .iter()
         .flatten()
@@ -62,25 +53,27 @@ pub(super) fn reject(
         .collect();
     // The median length of a plane's Gaussian is 1.177 sigma.
     let corner_limit = options.corner_limit_px.max(8.0 * median(&all) / 1.177);
-    // Beyond a twentieth of its corners, an image shows no plain board.
-    let many = |view: &[Vec<Option<f64>>; 2]| {
-        view.iter().any(|lengths| {
-            let beyond = lengths
-                .iter()
-                .flatten()
-                .filter(|&&l| l > corner_limit)
-                .count();
-            beyond > 2.max(lengths.len() / 20)
+    // A view is as good as the worse of its images; the few corners that go by themselves do not
+    // count against it.
+    let view_rms: Vec<f64> = misses
+        .iter()
+        .map(|view| {
+            let of = |side: usize| rms(plain(&view[side], corner_limit));
+            of(0).max(of(1))
         })
-    };
+        .collect();
+    let limit = options.view_limit_px.max(3.0 * median(&view_rms));
+    let many = |view: &[Vec<Option<f64>>; 2]| view.iter().any(|v| too_many(v, corner_limit));
     let of_pair = |k: usize, reason| Rejected {
         left: pairs[k].left_name.clone(),
         right: pairs[k].right_name.clone(),
         reason,
     };
-    for ((&k, &rms_px), view) in used.iter().zip(&view_rms).zip(&misses) {
-        if rms_px > limit || many(view) {
+    for ((&k, &kept_rms), view) in used.iter().zip(&view_rms).zip(&misses) {
+        if kept_rms > limit || many(view) {
             found.views.insert(k);
+            let of = |side: usize| rms(view[side].iter().flatten());
+            let rms_px = of(0).max(of(1));
             found.rejected.push(of_pair(
                 k,
                 RejectReason::View {
@@ -115,6 +108,26 @@ pub(super) fn reject(
         }
     }
     found
+}
+
+/// Part of an image's corners that may be false, each rejected by itself: a board bent into the
+/// border of a strong lens, a reflection. With more of them it shows no plain board.
+const FALSE_SHARE: f64 = 0.1;
+/// As many may always be.
+const FALSE_COUNT: f64 = 2.0;
+
+/// Whether more corners of an image miss the fit by more than `limit` than can be set aside.
+pub(in crate::calibrate) fn too_many(lengths: &[Option<f64>], limit: f64) -> bool {
+    let beyond = lengths.iter().flatten().filter(|&&l| l > limit).count();
+    beyond as f64 > FALSE_COUNT.max(FALSE_SHARE * lengths.len() as f64)
+}
+
+/// What an image's corners within `limit` miss the fit by.
+pub(in crate::calibrate) fn plain(
+    lengths: &[Option<f64>],
+    limit: f64,
+) -> impl Iterator<Item = &f64> {
+    lengths.iter().flatten().filter(move |&&l| l <= limit)
 }
 
 pub(super) fn rms<'a>(values: impl Iterator<Item = &'a f64>) -> f64 {

@@ -23,8 +23,10 @@ fn label(text: &str) -> Option<Label> {
         "pinhole" | "perspective" | "rectilinear" | "standard" | "camera" | "stereo" => {
             Label::Neutral
         }
-        "plumbbob" | "radtan" | "radialtangential" | "brownconrady" | "brown" | "opencv5"
-        | "radtan5" => Label::Model(LensModel::PlumbBob),
+        "radtan" | "radialtangential" => Label::Model(LensModel::RadTan),
+        "plumbbob" | "brownconrady" | "brown" | "opencv5" | "radtan5" => {
+            Label::Model(LensModel::PlumbBob)
+        }
         "rationalpolynomial" | "rational" | "opencv8" | "radtan8" | "fullopencv" => {
             Label::Model(LensModel::RationalPolynomial)
         }
@@ -72,6 +74,10 @@ pub(super) fn distortion(labels: &[&str], coefficients: &[f64]) -> Result<Distor
             )),
         };
     }
+    // Under Kalibr's name some write five or eight coefficients.
+    if model == Some(LensModel::RadTan) && beyond(4).is_none() {
+        return Ok(Distortion::radtan(core::array::from_fn(at)));
+    }
     if let Some((k, c)) = beyond(8) {
         let name = ["s1", "s2", "s3", "s4", "tau_x", "tau_y"]
             .get(k - 8)
@@ -98,7 +104,10 @@ mod tests {
     fn labels_are_honoured_and_unknown_ones_refused_by_name() {
         let four = [-0.1, 0.2, 0.01, 0.02];
         let model = |labels: &[&str]| distortion(labels, &four).map(|d| d.model);
-        assert_eq!(model(&["pinhole", "radtan"]), Ok(LensModel::PlumbBob));
+        assert_eq!(model(&["pinhole", "radtan"]), Ok(LensModel::RadTan));
+        assert_eq!(model(&["plumb_bob"]), Ok(LensModel::PlumbBob));
+        let five = distortion(&["radtan"], &[-0.1, 0.2, 0.01, 0.02, 0.03]).unwrap();
+        assert_eq!((five.model, five.k3), (LensModel::PlumbBob, 0.03));
         for name in ["equidistant", "fisheye", "KannalaBrandt8", "pinhole-equi"] {
             assert_eq!(model(&[name]), Ok(LensModel::Equidistant), "{name}");
         }

@@ -24,11 +24,11 @@ pub(super) fn read(keys: &Keys, options: &ReadOptions) -> Result<ReadCalibration
     let size = |side: usize| options.image_sizes.map(|sizes| sizes[side]);
     let left = one_camera(keys, sides[0], Some(0), size(0), &mut notes)?;
     let right = one_camera(keys, sides[1], Some(1), size(1), &mut notes)?;
-    let (mut pose, name) = relative(keys, sides, &mut notes)?;
+    let (mut pose, baseline) = relative(keys, sides, &mut notes)?;
     if let Some(unit) = options.unit {
         pose.translation.vector *= unit;
     }
-    plausible(keys, &pose, &name, options)?;
+    plausible(&pose, &baseline, options)?;
     let rig = StereoRig {
         left,
         right,
@@ -117,7 +117,7 @@ pub(super) fn one_camera(
             why,
         }
     })?;
-    if distortion.model != LensModel::PlumbBob {
+    if !matches!(distortion.model, LensModel::PlumbBob | LensModel::RadTan) {
         let text = format!("lens model {}", distortion.model.name());
         if !notes.contains(&text) {
             notes.push(text);
@@ -248,12 +248,12 @@ fn size(
     Ok(None)
 }
 
-/// The right camera's pose, and the name of the key that holds the baseline.
-fn relative(
-    keys: &Keys,
+/// The right camera's pose, and the key that holds the baseline.
+fn relative<'a>(
+    keys: &'a Keys,
     [left, right]: [Affix; 2],
     notes: &mut Vec<String>,
-) -> Result<(Isometry3<f64>, String), FileError> {
+) -> Result<(Isometry3<f64>, Found<'a>), FileError> {
     let mut orthonormal = |found: &Found<'_>, off: f64| {
         if off > ROUNDING {
             notes.push(format!(
@@ -271,23 +271,23 @@ fn relative(
             let (pose, off) = transform(&found.matrix()?)
                 .ok_or_else(|| found.wrong("a rotation and a translation, 4 x 4"))?;
             orthonormal(&found, off);
-            return Ok((pose, found.name.to_owned()));
+            return Ok((pose, found));
         }
     }
     if let Some(found) = keys.find_where(NEITHER, &["stereotc1c2", "tc1c2"], four) {
         let (pose, off) = transform(&found.matrix()?)
             .ok_or_else(|| found.wrong("a rotation and a translation, 4 x 4"))?;
         orthonormal(&found, off);
-        return Ok((pose.inverse(), found.name.to_owned()));
+        return Ok((pose.inverse(), found));
     }
     let bodies = [left, right].map(|a| keys.find_where(a, BODY, four));
     if let [Some(l), Some(r)] = bodies {
         let pose = |f: &Found<'_>| {
             transform(&f.matrix()?).ok_or_else(|| f.wrong("a rotation and a translation, 4 x 4"))
         };
-        let ((l, _), (found, off)) = (pose(&l)?, pose(&r)?);
+        let ((left, _), (right, off)) = (pose(&l)?, pose(&r)?);
         orthonormal(&r, off);
-        return Ok((found.inverse() * l, r.name.to_owned()));
+        return Ok((right.inverse() * left, r));
     }
     if let (Some(r), Some(t)) = (
         keys.find(NEITHER, ROTATION),
@@ -301,7 +301,7 @@ fn relative(
             return Err(t.wrong("three numbers"));
         }
         let shift = Vector3::from_column_slice(t3.as_slice());
-        return Ok((Isometry3::from_parts(shift.into(), turn), t.name.to_owned()));
+        return Ok((Isometry3::from_parts(shift.into(), turn), t));
     }
     rectified(keys, [left, right], &mut orthonormal)?.ok_or_else(|| {
         keys.missing(
@@ -314,14 +314,14 @@ fn relative(
 }
 
 /// The relative pose that two rectifications and projections imply.
-fn rectified(
-    keys: &Keys,
+fn rectified<'a>(
+    keys: &'a Keys,
     sides: [Affix; 2],
     orthonormal: &mut impl FnMut(&Found<'_>, f64),
-) -> Result<Option<(Isometry3<f64>, String)>, FileError> {
+) -> Result<Option<(Isometry3<f64>, Found<'a>)>, FileError> {
     let mut turns = [UnitQuaternion::identity(); 2];
     let mut shifts = [Vector3::zeros(); 2];
-    let mut name = String::new();
+    let mut last = None;
     for (k, affix) in sides.into_iter().enumerate() {
         let rectification = keys.find(affix, RECTIFICATION);
         let projection = keys.find(affix, PROJECTION);
@@ -341,21 +341,18 @@ fn rectified(
             return Err(p.wrong("positive focal lengths"));
         }
         shifts[k] = Vector3::new(m[(0, 3)] / m[(0, 0)], m[(1, 3)] / m[(1, 1)], 0.0);
-        p.name.clone_into(&mut name);
+        last = Some(p);
     }
     let back = turns[1].inverse();
     let shift = back * (shifts[1] - shifts[0]);
-    Ok(Some((
-        Isometry3::from_parts(shift.into(), back * turns[0]),
-        name,
-    )))
+    let pose = Isometry3::from_parts(shift.into(), back * turns[0]);
+    Ok(last.map(|p| (pose, p)))
 }
 
 /// Refuses a baseline that no bench has.
 fn plausible(
-    keys: &Keys,
     pose: &Isometry3<f64>,
-    key: &str,
+    baseline: &Found<'_>,
     options: &ReadOptions,
 ) -> Result<(), FileError> {
     let baseline_m = pose.translation.vector.norm();
@@ -367,20 +364,22 @@ fn plausible(
          single ones"
             .to_owned()
     } else if baseline_m < *PLAUSIBLE_BASELINE.start() {
-        "give the unit of the file's lengths with --unit-mm".to_owned()
+        "give the unit of the file's lengths with --unit-mm, cameras.unit_mm in a configuration"
+            .to_owned()
     } else if PLAUSIBLE_BASELINE.contains(&(baseline_m * 1e-3)) {
         format!(
             "are its lengths millimetres? then give --unit-mm 1 (baseline {baseline_m:.1} mm); are they \
-             squares of the board, give the square's side: --unit-mm 25"
+             squares of the board, give the square's side: --unit-mm 25 (in a configuration: \
+             cameras.unit_mm)"
         )
     } else {
         "give the unit of the file's lengths: --unit-mm 1 for millimetres, --unit-mm 25 for \
-         squares of 25 mm"
+         squares of 25 mm (in a configuration: cameras.unit_mm)"
             .to_owned()
     };
     Err(FileError::Baseline {
-        path: keys.path().to_owned(),
-        key: key.to_owned(),
+        path: baseline.path.to_owned(),
+        key: baseline.name.to_owned(),
         baseline_m,
         remedy,
     })
