@@ -87,7 +87,7 @@ impl CameraInfo {
             format!("image_width: {}\nimage_height: {}\n", c.width, c.height),
             format!("camera_name: {}\n", self.name),
             matrix("camera_matrix", &dynamic3(&c.matrix())),
-            format!("distortion_model: {}\n", model),
+            format!("distortion_model: {model}\n"),
             matrix("distortion_coefficients", &d),
             matrix("rectification_matrix", &dynamic3(&self.rectification)),
             matrix(
