@@ -113,6 +113,28 @@ fn boards() -> Vec<Isometry3<f64>> {
         .collect()
 }
 
+/// Kalibr has no third radial coefficient: its file is written of the lenses that it knows.
+fn kalibrs_lens(at: &Path, left: &[String], right: &[String]) {
+    assert!(!at.join("out/camchain.yaml").exists());
+    let kalibr = at.join("radtan");
+    let mut arguments = vec!["stereo", "--board", "9x6", "--square-mm", "20"];
+    arguments.extend([
+        "--lens",
+        "radtan",
+        "--out",
+        kalibr.to_str().unwrap(),
+        "--left",
+    ]);
+    arguments.extend(left.iter().map(String::as_str));
+    arguments.push("--right");
+    arguments.extend(right.iter().map(String::as_str));
+    assert!(calibrate(&arguments).status.success());
+    let rigs = ["camchain.yaml", "stereo.yml"]
+        .map(|name| vision::files::read_stereo(&kalibr.join(name)).unwrap().rig);
+    assert!((rigs[0].left.fx - rigs[1].left.fx).abs() < 1e-9);
+    assert_eq!(rigs[0].left.distortion, rigs[1].left.distortion);
+}
+
 #[test]
 fn stereo_finds_made_up_cameras_and_refuses_by_name() {
     let at = folder("made_up_stereo");
@@ -155,27 +177,7 @@ fn stereo_finds_made_up_cameras_and_refuses_by_name() {
     assert!((baseline + BASELINE_M).abs() < 0.2e-3, "{baseline}");
     assert!(found["rejected"].as_array().unwrap().is_empty());
 
-    // Kalibr has no third radial coefficient: its file is written of the lens it knows.
-    assert!(!out.join("camchain.yaml").exists());
-    let mut arguments = vec![
-        "stereo",
-        "--board",
-        "9x6",
-        "--square-mm",
-        "20",
-        "--lens",
-        "radtan",
-    ];
-    let kalibr = at.join("radtan");
-    arguments.extend(["--out", kalibr.to_str().unwrap(), "--left"]);
-    arguments.extend(left[..5].iter().map(String::as_str));
-    arguments.push("--right");
-    arguments.extend(right[..5].iter().map(String::as_str));
-    assert!(calibrate(&arguments).status.success());
-    let rigs = ["camchain.yaml", "stereo.yml"]
-        .map(|name| vision::files::read_stereo(&kalibr.join(name)).unwrap().rig);
-    assert!((rigs[0].left.fx - rigs[1].left.fx).abs() < 1e-9);
-    assert_eq!(rigs[0].left.distortion, rigs[1].left.distortion);
+    kalibrs_lens(&at, &left[..5], &right[..5]);
 
     // From here on everything is refused: what stands in the folder must stay.
     let files = ["report.html", "left.yaml", "right.yaml", "stereo.yml"];
@@ -333,7 +335,7 @@ fn two_files_in_millimetres(path: &dyn Fn(&str) -> String, out: &str, found: &Va
     let mut config = needle_steer::config::Config::default();
     config.cameras.calibration = one;
     config.cameras.second_calibration = two;
-    config.cameras.registration = out.to_owned();
+    out.clone_into(&mut config.cameras.registration);
     let error = needle_steer::cameras::measured(&config)
         .unwrap_err()
         .to_string();
