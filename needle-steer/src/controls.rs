@@ -1,12 +1,16 @@
 //! What a user may ask of a run while it goes on: stop, pause, retract, another target, and the
 //! dead-man's switch.
 
+use std::collections::VecDeque;
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use hal::Position;
 use hal::frame::LeftCamera;
+
+use crate::aim::{Answer, TargetRefused};
 
 /// What the user wants the run to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,12 +29,32 @@ const PAUSE: u8 = 1;
 const RETRACT: u8 = 2;
 const RETRACT_PAUSED: u8 = 3;
 
+/// A target that was given, and who wants to hear what becomes of it.
+pub(crate) struct Aim {
+    pub(crate) target: Position<LeftCamera>,
+    answer: Box<dyn FnOnce(Answer) + Send>,
+}
+
+impl Aim {
+    /// Answers who gave it.
+    pub(crate) fn answer(self, answer: Answer) {
+        (self.answer)(answer);
+    }
+}
+
+impl std::fmt::Debug for Aim {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Aim").field(&self.target).finish()
+    }
+}
+
 /// Shared between the run and whoever controls it; every method may be called from any thread.
 #[derive(Debug, Default)]
 pub struct Controls {
     interrupted: AtomicBool,
+    why_interrupted: Mutex<Option<String>>,
     stopped: AtomicBool,
-    target: Mutex<Option<Position<LeftCamera>>>,
+    aims: Mutex<VecDeque<Aim>>,
     wish: AtomicU8,
     dead_man: AtomicU64,
 }
@@ -52,17 +76,38 @@ impl Controls {
         self.wish.store(PROCEED, Ordering::Release);
     }
 
-    /// Gives another target, in the stereo frame.
-    pub fn aim(&self, target: Position<LeftCamera>) {
-        *self.target.lock().unwrap_or_else(PoisonError::into_inner) = Some(target);
+    /// Gives another target, in the stereo frame. The answer comes when the run looks at it: at its
+    /// start, or within a period of the arm; a target that is refused leaves the run the one that
+    /// it has. While there is no run nobody answers.
+    pub fn aim(&self, target: Position<LeftCamera>) -> Receiver<Answer> {
+        let (sender, receiver) = sync_channel(1);
+        self.aim_then(target, move |answer| {
+            // Who gave the target need not listen.
+            let _ = sender.try_send(answer);
+        });
+        receiver
     }
 
-    /// A target given since the last call.
-    pub fn take_target(&self) -> Option<Position<LeftCamera>> {
-        self.target
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take()
+    /// As [`Controls::aim`]; `answer` is called with the answer, on the run's thread.
+    pub fn aim_then(
+        &self,
+        target: Position<LeftCamera>,
+        answer: impl FnOnce(Answer) + Send + 'static,
+    ) {
+        let answer = Box::new(answer);
+        lock(&self.aims).push_back(Aim { target, answer });
+    }
+
+    /// The next target that was given and not answered yet.
+    pub(crate) fn next_aim(&self) -> Option<Aim> {
+        lock(&self.aims).pop_front()
+    }
+
+    /// Refuses targets that came too late.
+    pub(crate) fn refuse_aims(&self) {
+        while let Some(aim) = self.next_aim() {
+            aim.answer(Err(TargetRefused::Ended));
+        }
     }
 
     /// Stops the arm and ends the program.
@@ -73,9 +118,15 @@ impl Controls {
     /// Stops the arm and ends the program for a reason other than the user's wish, which is said on
     /// standard error.
     pub fn interrupt_because(&self, reason: &dyn std::fmt::Display) {
+        lock(&self.why_interrupted).get_or_insert_with(|| reason.to_string());
         self.interrupt();
         // Nothing can be done about a closed stderr.
         let _ = writeln!(std::io::stderr(), "the run ends: {reason}");
+    }
+
+    /// The reason for which the program is to end, other than the user's wish.
+    pub fn why_interrupted(&self) -> Option<String> {
+        lock(&self.why_interrupted).clone()
     }
 
     /// Whether the program is to end.
@@ -122,4 +173,8 @@ impl Controls {
     pub fn dead_man_count(&self) -> u64 {
         self.dead_man.load(Ordering::Acquire)
     }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -201,6 +201,11 @@ impl Cycle {
         self.field.is_some() || self.tissue.is_learning()
     }
 
+    /// Where a place of World lies while the tissue is at rest.
+    pub fn at_rest_point(&self, place: &Point3<f64>) -> Point3<f64> {
+        self.tissue.target_at_rest(place)
+    }
+
     /// The limits of the laws.
     pub fn limits(&self) -> &Limits {
         &self.limits

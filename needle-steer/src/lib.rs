@@ -20,7 +20,7 @@ pub mod withdrawal;
 pub mod run;
 mod observer;
 pub mod bias;
-mod aim;
+pub mod aim;
 pub mod controls;
 pub mod rig;
 pub mod host;

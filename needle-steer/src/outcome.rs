@@ -80,6 +80,8 @@ pub enum Ended {
     NotRetracted(withdrawal::Verdict),
     /// The user stopped the run.
     Interrupted,
+    /// The ROS node was asked to end, or lost its name: in words.
+    NodeEnded(String),
     /// The longest duration passed; what kept the needle most.
     TimedOut(Cause),
     /// Nothing was to be moved.
@@ -101,7 +103,9 @@ impl Ended {
             Self::NoProgress { cause, .. } | Self::TimedOut(cause) => Some(*cause),
             Self::Stopped(reason) => Some(reason.cause()),
             Self::Device(_) => Some(Cause::Device),
-            Self::Retracted | Self::NotRetracted(_) | Self::Interrupted => Some(Cause::Operator),
+            Self::Retracted | Self::NotRetracted(_) | Self::Interrupted | Self::NodeEnded(_) => {
+                Some(Cause::Operator)
+            }
         }
     }
 
@@ -137,6 +141,7 @@ impl std::fmt::Display for Ended {
             Self::Retracted => f.write_str("retracted"),
             Self::NotRetracted(verdict) => verdict.fmt(f),
             Self::Interrupted => f.write_str("interrupted"),
+            Self::NodeEnded(why) => write!(f, "stopped: {why}"),
             Self::TimedOut(Cause::Operator) => f.write_str("timed out"),
             Self::TimedOut(cause) => write!(f, "timed out: {cause}"),
             Self::DryRun => f.write_str("dry run"),

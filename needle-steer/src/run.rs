@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
 
-use crate::aim::stereo_target;
+use crate::aim::{TargetRefused, stereo_target};
 use crate::config::{Config, TargetKind};
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
@@ -23,8 +23,9 @@ use crate::rig::{Rig, RigBuildError, Sighting};
 use crate::sight::Sight;
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
 use crate::withdrawal::{self, BasePath};
+use hybrid_control::ReachMonitor;
 use hybrid_control::view::Law;
-use hybrid_control::{ReachMonitor, Unreachable};
+pub use target::check_target;
 
 /// Longest wait for a law step when no image comes \[s\]: then the law runs on prediction.
 pub const PREDICTION: f64 = 0.05;
@@ -46,7 +47,7 @@ pub enum RunError {
     Cycle(#[from] CycleError),
     /// The target is refused before anything moves.
     #[error("target refused: {0}")]
-    Target(#[from] Unreachable),
+    Target(#[from] TargetRefused),
     /// A device failed.
     #[error(transparent)]
     Device(#[from] hal::Error),
@@ -151,10 +152,8 @@ impl<'a> Insertion<'a> {
         controls: &Controls,
     ) -> Result<Summary, RunError> {
         observer.start(&self.first);
-        self.given_target = controls.take_target().or(self.given_target);
-        if config.run.check_reach {
-            self.check_target(config)?;
-        }
+        self.hear_targets(config, controls);
+        self.check_target(config)?;
         if config.run.dry_run {
             return Ok(self.summary(config, Ended::DryRun));
         }
@@ -162,6 +161,7 @@ impl<'a> Insertion<'a> {
         self.attach_marker(config);
         self.rig.await_marker(config)?;
         let ended = self.conduct(config, observer, controls)?;
+        controls.refuse_aims();
         let ended = match ended {
             Ended::Retracted => self.withdraw(config, observer, controls).ended.into(),
             ended => ended,
@@ -255,7 +255,9 @@ impl<'a> Insertion<'a> {
         loop {
             let now = self.rig.clock.now();
             if controls.is_stopped() {
-                return Ok(Ended::Interrupted);
+                return Ok(controls
+                    .why_interrupted()
+                    .map_or(Ended::Interrupted, Ended::NodeEnded));
             }
             if now.since(begun) > longest {
                 let cause = self.holds.cause_of_all(now.secs_since(begun));
@@ -269,9 +271,7 @@ impl<'a> Insertion<'a> {
             if controls.wish() == Wish::Retract {
                 return Ok(Ended::Retracted);
             }
-            if let Some(target) = controls.take_target() {
-                self.aim(target);
-            }
+            self.hear_targets(config, controls);
             self.supervisor.dead_man(now, controls.dead_man_count());
             self.follow(controls.wish());
             self.law_step(config, now, &state, observer)?;
@@ -285,7 +285,9 @@ impl<'a> Insertion<'a> {
                     rates = rates.zeroed();
                     self.holds.note(cause, period.as_secs_f64());
                 }
-                Verdict::Stop(reason) => return Ok(Ended::Stopped(reason)),
+                Verdict::Stop(reason) => {
+                    return Ok(Ended::Stopped(reason.explained(self.rig.arm.explanation())));
+                }
             }
             if let Some(ended) = self.verdict(now) {
                 return Ok(ended);
@@ -308,7 +310,10 @@ impl<'a> Insertion<'a> {
     /// A command was refused: by an arm that faulted meanwhile, or for another reason.
     fn refused(&mut self, error: hal::Error) -> Result<Ended, RunError> {
         match self.rig.arm.state().map(|state| state.mode) {
-            Ok(ArmMode::Faulted(fault)) => Ok(Ended::Stopped(StopReason::ArmFault { fault })),
+            Ok(ArmMode::Faulted(fault)) => Ok(Ended::Stopped(StopReason::ArmFault {
+                fault,
+                words: self.rig.arm.explanation(),
+            })),
             _ => Err(error.into()),
         }
     }

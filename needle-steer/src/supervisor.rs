@@ -13,6 +13,7 @@ use crate::monitor::plausibility::Implausible;
 use crate::monitor::{Stale, Stalled};
 use crate::outcome::Cause;
 pub use reason::StopReason;
+pub(crate) use reason::in_words;
 
 /// The tip has to follow within this time at rest, or the run ends: the longest breath, in which
 /// tissue may draw the tip back.
@@ -242,7 +243,9 @@ impl Supervisor {
         let bounds = &self.bounds;
         match arm.mode {
             ArmMode::Enabled | ArmMode::Moving => {}
-            ArmMode::Faulted(fault) => return Err(StopReason::ArmFault { fault }),
+            ArmMode::Faulted(fault) => {
+                return Err(StopReason::ArmFault { fault, words: None });
+            }
             mode => return Err(StopReason::ArmNotEnabled { mode }),
         }
         if now.since(arm.stamp) > bounds.encoder_stop {

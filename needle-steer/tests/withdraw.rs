@@ -123,6 +123,41 @@ fn a_log_that_a_full_disk_cut_off_leads_out() {
     assert!(summary["tip_depth_mm"].as_f64().unwrap() < 1.0, "{summary}");
 }
 
+/// What stands on the disk after a power failure: the beginning of the file, or the whole length
+/// with nothing in its end.
+#[test]
+fn a_log_that_a_power_failure_cut_off_leads_out() {
+    let out = folder("power");
+    let short = ["--set", "target.depth_mm=30", "--set", "target.offset_mm=1"];
+    let run = ["run", "--sensor", "shape", "--out", text(&out)];
+    let output = needle_steer(&[&run[..], &short].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    let whole = std::fs::read(out.join("run.mcap")).unwrap();
+    for (name, kept, zeros) in [
+        ("first", 400_000, 0),
+        ("half", whole.len() / 2, 0),
+        ("zeros", whole.len() / 2, whole.len() / 4),
+        ("end", whole.len() - 100, 0),
+    ] {
+        let cut = folder(&format!("power-{name}"));
+        std::fs::create_dir_all(&cut).unwrap();
+        let log = cut.join("run.mcap");
+        let mut bytes = whole[..kept].to_vec();
+        bytes.resize(kept + zeros, 0);
+        std::fs::write(&log, bytes).unwrap();
+        let output = needle_steer(&["withdraw", text(&log), "--json"]);
+        let summary = json(&output);
+        assert!(
+            output.status.success(),
+            "{name}: {summary} {}",
+            stderr(&output)
+        );
+        assert_eq!(summary["ended"], "retracted", "{name}: {summary}");
+        let depth = summary["tip_depth_mm"].as_f64().unwrap();
+        assert!(depth < 1.0, "{name}: {summary}");
+    }
+}
+
 #[test]
 fn what_is_no_log_of_an_insertion_is_named() {
     let folder = folder("no-log");

@@ -1,6 +1,6 @@
 //! Enumerations of `hal` as the constants of the message definitions.
 
-use hal::telemetry::{Limit, Phase, SteeringMode, Tracking};
+use hal::telemetry::{Limit, Phase, SteeringMode, Tracking, TruthEvent};
 use hal::{ArmMode, FaultReason};
 
 use crate::convert::ConvertError;
@@ -56,6 +56,16 @@ codes! { SteeringMode, msgs::Law, "mode":
     BevelTurn = BEVEL_TURN,
     BevelHold = BEVEL_HOLD,
     Hold = HOLD,
+}
+
+codes! { TruthEvent, msgs::World, "events":
+    Buckling = BUCKLING,
+    Yielding = YIELDING,
+    Tearing = TEARING,
+    PulledOut = PULLED_OUT,
+    Entered = ENTERED,
+    Unconverged = UNCONVERGED,
+    Refused = REFUSED,
 }
 
 /// Faults beyond the message's definition, which stays as it is so that logs of other builds can be
@@ -194,6 +204,7 @@ mod tests {
         every_code_is_taken_once::<Phase>(7, 0);
         every_code_is_taken_once::<Tracking>(4, 0);
         every_code_is_taken_once::<SteeringMode>(7, 0);
+        every_code_is_taken_once::<TruthEvent>(7, 0);
         every_code_is_taken_once::<FaultReason>(20, 1);
     }
 

@@ -5,9 +5,10 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use hal::frame::LeftCamera;
-use hal::telemetry::TruthReport;
+use hal::telemetry::{TruthEvent, TruthReport};
 use hal::{Error, SensedShape, ShapeSensor, Transform};
 
+use crate::codes::Code;
 use crate::convert;
 use crate::msg::needle_steer_msgs::{Shape, World};
 use crate::seam::{Inlet, Node, NodeError, lock};
@@ -70,6 +71,12 @@ fn is_finite(shape: &SensedShape) -> bool {
         })
 }
 
+/// The events of a truth; one that this build does not know is none.
+fn events(codes: &[u8]) -> Vec<TruthEvent> {
+    let known = codes.iter().map(|code| TruthEvent::from_code(*code));
+    known.filter_map(Result::ok).collect()
+}
+
 /// What an emulated laboratory gives away for the score; never read by a law.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hidden {
@@ -105,7 +112,10 @@ impl Laboratory {
             waiting.pop_front();
         }
         waiting.push_back(Hidden {
-            truth: (&message.truth).into(),
+            truth: TruthReport {
+                events: events(&message.events),
+                ..(&message.truth).into()
+            },
             pre_insertion: message.pre_insertion,
             stereo_from_world: convert::from_pose(&message.stereo_from_world),
         });

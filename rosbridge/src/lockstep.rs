@@ -141,7 +141,7 @@ impl Lockstep {
             };
             core.feedback(now, reading);
         }
-        core.robot(status::hindrance(&state.robot));
+        core.robot(now, status::hindrance(&state.robot));
         drop(core);
         for shape in state
             .shapes

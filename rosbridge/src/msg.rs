@@ -38,6 +38,7 @@ mod generated {
         sensor_msgs / JointState,
         std_msgs / Empty,
         std_msgs / Float64MultiArray,
+        std_msgs / String,
         std_srvs / SetBool,
         std_srvs / Trigger,
         tf2_msgs / TFMessage,
@@ -92,6 +93,7 @@ mod tests {
             "trajectory_msgs/JointTrajectory",
             "65b4f94a94d1ed67169da35a02f33d3f",
         );
+        check::<std_msgs::String>("std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1");
         check::<std_msgs::Empty>("std_msgs/Empty", "d41d8cd98f00b204e9800998ecf8427e");
         check::<diagnostic_msgs::DiagnosticArray>(
             "diagnostic_msgs/DiagnosticArray",

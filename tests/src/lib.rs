@@ -13,6 +13,7 @@ mod robustness;
 mod ros;
 mod singularity;
 mod supervision;
+mod targets;
 mod tidy;
 mod tracking;
 mod viper_contract;

@@ -157,6 +157,7 @@ fn an_emergency_stop_of_the_arm_ends_the_run() {
     });
     let expected = StopReason::ArmFault {
         fault: FaultReason::EmergencyStop,
+        words: None,
     };
     assert_eq!(summary.ended, Ended::Stopped(expected));
 }

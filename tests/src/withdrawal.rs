@@ -328,7 +328,7 @@ fn a_withdrawal_waits_for_the_cause_of_a_fault_to_go_and_moves_nothing_before() 
     });
     let out = insertion.withdraw(&config, &mut script, &controls);
     assert!(
-        matches!(out.ended, Verdict::Stopped(Stop::ArmFault(_))),
+        matches!(out.ended, Verdict::Stopped(Stop::ArmFault(..))),
         "{out:?}"
     );
     assert!(out.left_mm > 1.0 && out.withdrawn_mm > 0.5, "{out:?}");

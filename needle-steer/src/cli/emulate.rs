@@ -102,7 +102,7 @@ fn ros(args: &RosArgs) -> anyhow::Result<ExitCode> {
     } else {
         Watchdog::Stops
     };
-    crate::ros::serve(&config, watchdog, &controls, || {
+    crate::ros::serve(&config, watchdog, &controls, |_| {
         // Nobody may be listening.
         let _ = writeln!(std::io::stdout(), "ready");
     })?;

@@ -134,7 +134,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         _ => None,
     };
     if let Some(session) = &mut session
-        && !config.ros.autostart
+        && ros::waits(&config, &mut rig, session)
         && ros::wait(&config, &mut rig, session, &controls)? == Leave::Quit
     {
         return Ok(ExitCode::from(1));
@@ -188,6 +188,14 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     });
     if let Some(session) = &mut recorder.session {
         session.show_end(&summary.ended);
+        if let (true, Some(why)) = (config.ros.stay, controls.why_interrupted()) {
+            let log = summary.log.as_deref().unwrap_or("LOG");
+            writeln!(
+                std::io::stderr(),
+                "the node cannot stay ({why}): nobody reaches it by its name any more, and while \
+                 it held the arm no other could; `needle-steer withdraw {log}` takes the needle out"
+            )?;
+        }
         if config.ros.stay {
             ros::stay(&config, &mut insertion, session, &controls)?;
         }

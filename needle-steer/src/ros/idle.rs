@@ -187,13 +187,18 @@ fn obey(
         Command::Start | Command::Retract | Command::Home if !session.allowed => {
             request.refuse("motion is not enabled");
         }
-        Command::Start if stage.is_before() => match readiness::prepare(config, rig) {
-            Ok(()) => {
-                request.accept("starting");
-                return Some(Leave::Start);
+        Command::Start if stage.is_before() => {
+            match readiness::prepare(config, rig, session.target) {
+                Ok(()) => {
+                    if let Some(target) = session.target {
+                        controls.aim(target);
+                    }
+                    request.accept("starting");
+                    return Some(Leave::Start);
+                }
+                Err(reason) => request.refuse(reason),
             }
-            Err(reason) => request.refuse(reason),
-        },
+        }
         Command::Start => request.refuse(
             "the insertion has ended and is not resumed: ~retract withdraws the needle; \
              launch another",
@@ -240,8 +245,13 @@ fn obey(
             request.accept(if allowed { "enabled" } else { "not enabled" });
         }
         Command::Target(target) if stage.is_before() => {
-            controls.aim(target);
-            request.accept("aiming there");
+            match readiness::target(config, rig, Some(target)) {
+                Ok(aimed) => {
+                    session.target = Some(target);
+                    request.accept(aimed.to_string());
+                }
+                Err(reason) => request.refuse(reason),
+            }
         }
         Command::Target(_) => request.refuse("the insertion has ended"),
     }

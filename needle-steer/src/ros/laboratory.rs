@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use hal::{Arm, Stamp};
 use robots::kinematics::RateSettings;
+use robots::sim::SimulatedArm;
 use rosbridge::TimeBase;
 use rosbridge::emulator::{ArmNode, LabNode, Seen};
 
@@ -14,7 +15,7 @@ use super::session::camera_models;
 use crate::config::{Backend, Config, RosClock};
 use crate::controls::Controls;
 use crate::rig::{Pace, Rig, RigBuildError, Sighting};
-use crate::score::GroundTruth;
+use crate::score::Scoring;
 
 /// Period of the feedback on the wall clock.
 const PERIOD: Duration = Duration::from_millis(8);
@@ -39,10 +40,11 @@ pub fn emulate(
     controls: &Arc<Controls>,
     ready: impl FnOnce(),
 ) -> Result<(), RigBuildError> {
-    serve(config, Watchdog::Stops, controls, ready)
+    serve(config, Watchdog::Stops, controls, |_| ready())
 }
 
-/// Serves a laboratory until `controls` are interrupted; calls `ready` when it does.
+/// Serves a laboratory until `controls` are interrupted; calls `ready` when it does, with the arm
+/// that something may be done to.
 ///
 /// # Errors
 /// The configuration makes no laboratory, there is no master, or the arm fails.
@@ -50,7 +52,7 @@ pub fn serve(
     config: &Config,
     watchdog: Watchdog,
     controls: &Arc<Controls>,
-    ready: impl FnOnce(),
+    ready: impl FnOnce(&SimulatedArm),
 ) -> Result<(), RigBuildError> {
     let mut config = config.clone();
     config.run.backend = Backend::Sim;
@@ -81,7 +83,7 @@ pub fn serve(
     }
     let mut lab = LabNode::new(&link.node, topics)?;
     show_next(&mut lab, &mut rig, &mut arm, truth.as_ref())?;
-    ready();
+    ready(&simulated);
     let mut shown = Stamp::ZERO;
     while !controls.is_interrupted() {
         if lockstep {
@@ -110,7 +112,7 @@ fn show_next(
     lab: &mut LabNode,
     rig: &mut Rig,
     arm: &mut dyn Arm,
-    truth: &dyn GroundTruth,
+    truth: &dyn Scoring,
 ) -> Result<(), hal::Error> {
     let sight = rig.eyes.poll()?;
     show(lab, rig, arm, truth, sight)
@@ -120,7 +122,7 @@ fn show(
     lab: &mut LabNode,
     rig: &Rig,
     arm: &mut dyn Arm,
-    truth: &dyn GroundTruth,
+    truth: &dyn Scoring,
     sight: Sighting,
 ) -> Result<(), hal::Error> {
     let state = arm.state()?;
@@ -133,7 +135,7 @@ fn show(
         shapes: shape.into_iter().collect(),
         pairs: pair.into_iter().collect(),
         stereo_from_world: truth.stereo_from_world(),
-        truth: truth.newest(),
+        truth: truth.report(),
         pre_insertion: truth.pre_insertion(),
     };
     lab.show(rig.clock.now(), &state, &seen);

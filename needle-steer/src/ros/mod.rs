@@ -26,8 +26,8 @@ use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
 use crate::clock::{WallClock, WallTime};
 use crate::config::{Backend, Config, RosClock, SensorKind, TargetKind};
 use crate::controls::{Controls, Wish};
-use crate::rig::{Eyes, MarkerEyes, Pace};
-use crate::run::{Insertion, RunError};
+use crate::rig::{Eyes, MarkerEyes, Pace, Rig};
+use crate::run::{Insertion, RunError, check_target};
 
 pub use idle::{Leave, wait};
 pub use laboratory::{Watchdog, emulate, serve};
@@ -37,6 +37,24 @@ pub use session::Session;
 
 /// Wait for an emulated laboratory's first truth, on the wall clock: a real one has none.
 const TRUTH: Duration = Duration::from_secs(1);
+
+/// Whether the node waits before an insertion: for `~start` where it is not to start by itself, and
+/// for another target where that which it has is refused. The reason is said.
+pub fn waits(config: &Config, rig: &mut Rig, session: &Session) -> bool {
+    if !config.ros.autostart {
+        return true;
+    }
+    match check_target(config, rig, session.target) {
+        Err(refused @ RunError::Target(_)) if config.ros.stay && !config.run.dry_run => {
+            session.warn(&format!(
+                "{refused}; the insertion waits for another one (topic target), then for ~start"
+            ));
+            true
+        }
+        // The start itself says what else there is.
+        _ => false,
+    }
+}
 
 /// Keeps the node up after an insertion, for services and for who looks; until interrupted.
 ///

@@ -1,18 +1,42 @@
 //! Whether an insertion may start: answered before it is promised.
 
-use hal::Arm;
+use hal::frame::LeftCamera;
+use hal::{Arm, Position};
 
-use crate::config::Config;
+use crate::aim::{Aimed, TargetRefused};
+use crate::config::{Config, TargetKind};
 use crate::rig::Rig;
+use crate::run::{RunError, check_target};
 
-/// Makes the arm ready for an insertion, or says why it cannot be.
-pub(super) fn prepare(config: &Config, rig: &mut Rig) -> Result<(), String> {
+/// Makes the arm ready for an insertion to `given`, or to the configuration's target where none is
+/// given, or says why it cannot be.
+pub(super) fn prepare(
+    config: &Config,
+    rig: &mut Rig,
+    given: Option<Position<LeftCamera>>,
+) -> Result<(), String> {
     let state = rig.arm.state().map_err(|error| words(&error))?;
+    target(config, rig, given)?;
     if config.run.dry_run {
         return Ok(());
     }
     rig.check_start(&state).map_err(|away| away.to_string())?;
     rig.enable().map_err(|error| words(&error))
+}
+
+/// Whether an insertion from where the arm stands may go there.
+pub(super) fn target(
+    config: &Config,
+    rig: &mut Rig,
+    given: Option<Position<LeftCamera>>,
+) -> Result<Aimed, String> {
+    if given.is_some() && config.target.kind == TargetKind::Marker {
+        return Err(TargetRefused::Marker.to_string());
+    }
+    check_target(config, rig, given).map_err(|error| match error {
+        RunError::Device(error) => words(&error),
+        error => error.to_string(),
+    })
 }
 
 /// An error of the arm with its causes.

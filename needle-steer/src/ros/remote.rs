@@ -4,7 +4,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use hal::Transform;
 use hal::frame::{LeftCamera, World};
-use hal::telemetry::TruthReport;
+use hal::telemetry::{TruthEvent, TruthReport};
 use nalgebra::Vector3;
 use rosbridge::laboratory::{Hidden, Laboratory};
 
@@ -13,12 +13,19 @@ use crate::score::{GroundTruth, Score, Scoring, TrueFigures};
 struct Inner {
     laboratory: Laboratory,
     newest: Option<Hidden>,
+    /// Events since the last report.
+    events: Vec<TruthEvent>,
     score: Option<Score>,
 }
 
 impl Inner {
     fn observe(&mut self) {
         while let Some(hidden) = self.laboratory.next_truth() {
+            for event in &hidden.truth.events {
+                if !self.events.contains(event) {
+                    self.events.push(*event);
+                }
+            }
             self.newest = Some(hidden);
             self.score_newest();
         }
@@ -50,6 +57,7 @@ impl RemoteLaboratory {
         Self(Mutex::new(Inner {
             laboratory,
             newest: None,
+            events: Vec::new(),
             score: None,
         }))
     }
@@ -99,8 +107,12 @@ impl Scoring for RemoteLaboratory {
     }
 
     fn report(&self) -> TruthReport {
-        let inner = self.lock();
-        Score::complete(inner.score.as_ref(), inner.truth())
+        let mut inner = self.lock();
+        let truth = TruthReport {
+            events: core::mem::take(&mut inner.events),
+            ..inner.truth()
+        };
+        Score::complete(inner.score.as_ref(), truth)
     }
 
     fn figures(&self) -> Option<TrueFigures> {

@@ -37,6 +37,8 @@ pub struct Session {
     controls: Arc<Controls>,
     /// Whether `~enable` allows motion.
     pub(super) allowed: bool,
+    /// The target that was taken before the start.
+    pub(super) target: Option<Position<LeftCamera>>,
     shown: Option<Arc<Telemetry>>,
     /// Whether the images are this node's to show.
     shows_images: bool,
@@ -82,6 +84,7 @@ impl Session {
             node: link.node.clone(),
             controls: Arc::clone(controls),
             allowed: true,
+            target: None,
             shown: None,
             shows_images: match config.run.backend {
                 Backend::Sim => true,
@@ -107,6 +110,11 @@ impl Session {
     pub(super) fn show_arm(&self, state: &ArmState) {
         self.node.set_time(state.stamp);
         self.bridge.show_arm(*state);
+    }
+
+    /// Says something on `/rosout` and on standard error.
+    pub(super) fn warn(&self, text: &str) {
+        self.node.warn(text);
     }
 
     /// Shows that the insertion has ended.
@@ -179,10 +187,10 @@ impl Session {
             Command::Target(_) if self.controls.wish() == Wish::Retract => {
                 request.refuse("the needle is being withdrawn");
             }
-            Command::Target(target) => {
-                self.controls.aim(target);
-                request.accept("aiming there");
-            }
+            Command::Target(target) => self.controls.aim_then(target, move |answer| match answer {
+                Ok(aimed) => request.accept(aimed.to_string()),
+                Err(refused) => request.refuse(refused.to_string()),
+            }),
             Command::Home => request.refuse("an insertion is under way"),
             Command::ClearFault => request.refuse("no fault: an insertion is under way"),
         }

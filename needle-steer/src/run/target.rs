@@ -2,27 +2,106 @@
 
 use hal::Position;
 use hal::frame::LeftCamera;
-use hybrid_control::{Means, Unreachable, reachable_at_start};
+use hybrid_control::{
+    Means, ReachMonitor, Unreachable, lateral_error, reachable_at_start, target_ahead,
+};
 use nalgebra::{Point3, Vector3};
 
-use super::Insertion;
-use crate::aim::nominal_target;
+use super::{Insertion, REACH_TOLERANCE, RunError};
+use crate::aim::{Aimed, Answer, TargetRefused, nominal_target};
 use crate::config::{Config, TargetKind};
+use crate::controls::{Aim, Controls};
+use crate::passing::Passing;
+use crate::rig::{Demand, Misfit, Rig, follow};
 use crate::world::in_stereo_frame;
+
+/// Whether an insertion from where the arm stands may go to `given`, in the stereo frame, or to the
+/// configuration's target where none is given. Nothing moves.
+///
+/// # Errors
+/// [`RunError::Target`] where it may not; else as [`Insertion::begin`].
+pub fn check_target(
+    config: &Config,
+    rig: &mut Rig,
+    given: Option<Position<LeftCamera>>,
+) -> Result<Aimed, RunError> {
+    let mut insertion = Insertion::begin(config, rig)?;
+    insertion.given_target = given.or(insertion.given_target);
+    Ok(insertion.check_target(config)?)
+}
 
 impl Insertion<'_> {
     /// Refuses a target that cannot be reached, as far as it is known before the start.
-    pub(super) fn check_target(&self, config: &Config) -> Result<(), Unreachable> {
+    pub(super) fn check_target(&self, config: &Config) -> Answer {
+        let world_from_camera = self.rig.bearings.world_from_left_camera;
         let target = self.given_target.map_or_else(
-            || self.expected_target(config),
-            |target| (self.rig.bearings.world_from_left_camera * target).coords(),
+            || self.expected_target(config).into(),
+            |target| *(world_from_camera * target).point(),
         );
-        reachable_at_start(
-            self.cycle.estimator(),
-            &target.into(),
-            self.cycle.limits(),
-            Means::of_law(&config.run.law),
-        )
+        self.judge(config, &target)
+    }
+
+    /// Whether the needle may go to `target` (World) from where it is now.
+    fn judge(&self, config: &Config, target: &Point3<f64>) -> Answer {
+        let estimator = self.cycle.estimator();
+        let at_rest = self.cycle.at_rest_point(target);
+        let means = Means::of_law(&config.run.law);
+        let reachable = reachable_at_start(estimator, &at_rest, self.cycle.limits(), means);
+        match reachable {
+            Err(why @ (Unreachable::NonFinite | Unreachable::Behind { .. })) => {
+                return Err(why.into());
+            }
+            Err(why) if config.run.check_reach => return Err(why.into()),
+            _ => {}
+        }
+        // The tip's plane is what passes a target, however the needle is bent.
+        let tip = self.cycle.telemetry().world_from_tip;
+        let aimed = Aimed {
+            ahead: target_ahead(tip.isometry(), target),
+            aside: lateral_error(tip.isometry(), target),
+        };
+        if aimed.ahead <= 0.0 {
+            let behind_mm = -aimed.ahead * 1e3;
+            return Err(Unreachable::Behind { behind_mm }.into());
+        }
+        if config.run.check_reach {
+            let depth = estimator
+                .world_from_insertion()
+                .inverse_transform_point(&at_rest)
+                .z;
+            self.judge_base(config, depth)?;
+        }
+        Ok(aimed)
+    }
+
+    /// Whether base and arm may go straight on until the tip is at `depth` \[m\].
+    fn judge_base(&self, config: &Config, depth: f64) -> Result<(), TargetRefused> {
+        let way = (depth - self.cycle.estimator().depth()).max(0.0);
+        let base = self.cycle.telemetry().world_from_base;
+        let there = base.isometry() * Point3::new(0.0, 0.0, way);
+        if let Some(workspace) = config.workspace() {
+            let by = workspace.excess(&there);
+            if by > 0.0 {
+                return Err(TargetRefused::Workspace { by_mm: by * 1e3 });
+            }
+        }
+        // As deep as the configuration's target the arm was followed before.
+        if depth <= Demand::of(config).depth {
+            return Ok(());
+        }
+        let demand = Demand {
+            depth: way,
+            tilt: 0.0,
+            length: config.needle.length_mm * 1e-3,
+        };
+        let joints = &self.cycle.telemetry().joints;
+        match follow(&self.rig.bearings.chain, joints, &demand) {
+            Err(why @ (Misfit::MeetsEnd { .. } | Misfit::Singular { .. })) => {
+                Err(TargetRefused::Arm(why))
+            }
+            // The room that a start wants is no condition on the way.
+            _ => Ok(()),
+        }
     }
 
     /// The target as it lies before anything moves \[m\].
@@ -63,13 +142,34 @@ impl Insertion<'_> {
         in_stereo_frame(&target, &world.stereo_from_world())
     }
 
-    /// Another target, in the stereo frame.
-    pub(super) fn aim(&mut self, target: Position<LeftCamera>) {
-        self.given_target = Some(target);
-        if self.aimed {
-            self.cycle.set_target(target);
-            self.watch(target);
+    /// Looks at the targets that were given meanwhile, and answers. One that is refused leaves the
+    /// one that there is.
+    pub(super) fn hear_targets(&mut self, config: &Config, controls: &Controls) {
+        while let Some(aim) = controls.next_aim() {
+            self.aim(config, aim);
         }
+    }
+
+    fn aim(&mut self, config: &Config, aim: Aim) {
+        let target = aim.target;
+        let answer = if config.target.kind == TargetKind::Marker {
+            Err(TargetRefused::Marker)
+        } else {
+            let in_world = self.rig.bearings.world_from_left_camera * target;
+            self.judge(config, in_world.point())
+        };
+        if answer.is_ok() {
+            self.given_target = Some(target);
+            if self.aimed {
+                self.cycle.set_target(target);
+                self.watch(target);
+                // What was found out on the way to another one says nothing of this one.
+                self.progress.reset();
+                self.passing = Passing::default();
+                self.reach = ReachMonitor::new(REACH_TOLERANCE);
+            }
+        }
+        aim.answer(answer);
     }
 
     /// Keeps the score against a target in the stereo frame.

@@ -12,10 +12,12 @@ use crate::outcome::Cause;
 #[serde(tag = "reason", rename_all = "snake_case")]
 pub enum StopReason {
     /// The arm faulted.
-    #[error("the arm faulted: {fault:?}")]
+    #[error("the arm faulted: {}", in_words(*fault, words.as_deref()))]
     ArmFault {
         /// The arm's own reason.
         fault: FaultReason,
+        /// The same with its figures, where the arm knows them.
+        words: Option<String>,
     },
     /// The arm left its enabled state.
     #[error("the arm is not enabled but {mode:?}")]
@@ -155,7 +157,27 @@ pub enum StopReason {
     },
 }
 
+/// A fault of the arm with what the arm says of it.
+pub(crate) fn in_words(fault: FaultReason, words: Option<&str>) -> String {
+    words.map_or_else(
+        || format!("{fault:?}"),
+        |words| format!("{fault:?}: {words}"),
+    )
+}
+
 impl StopReason {
+    /// The same with the arm's words, if it is a fault of the arm.
+    #[must_use]
+    pub fn explained(self, by_arm: Option<String>) -> Self {
+        match self {
+            Self::ArmFault { fault, words } => Self::ArmFault {
+                fault,
+                words: words.or(by_arm),
+            },
+            other => other,
+        }
+    }
+
     /// Which of the causes it is.
     pub const fn cause(&self) -> Cause {
         match self {

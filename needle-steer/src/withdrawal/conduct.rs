@@ -14,6 +14,7 @@ use crate::config::Config;
 use crate::controls::Controls;
 use crate::observer::Observer;
 use crate::rig::Rig;
+use crate::supervisor::in_words;
 
 /// Longest wait for an arm to be ready: a link may have to be made anew.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -82,7 +83,10 @@ pub fn make_ready(
                 if place == Place::AtStart {
                     return Ok(Place::AtStart);
                 }
-                format!("{:?}", state.mode)
+                match state.mode {
+                    ArmMode::Faulted(fault) => in_words(fault, rig.arm.explanation().as_deref()),
+                    mode => format!("{mode:?}"),
+                }
             }
             Err(error) => told(&error),
         };
@@ -213,7 +217,11 @@ impl<'a> Course<'a> {
         let mut deadline = rig.clock.now();
         loop {
             if controls.is_stopped() {
-                return Verdict::Interrupted;
+                return controls
+                    .why_interrupted()
+                    .map_or(Verdict::Interrupted, |why| {
+                        Verdict::Stopped(Stop::NodeEnded(why))
+                    });
             }
             let now = rig.clock.now();
             let state = match rig.arm.state() {
@@ -226,7 +234,10 @@ impl<'a> Course<'a> {
             self.left = left;
             let holds = controls.is_holding();
             if let Err(stop) = self.check(now, &state, &pose, path, (effort, holds)) {
-                return Verdict::Stopped(stop);
+                return Verdict::Stopped(match stop {
+                    Stop::ArmFault(fault, _) => Stop::ArmFault(fault, rig.arm.explanation()),
+                    stop => stop,
+                });
             }
             let wanted = path.rates(&pose, &state.positions, self.speed, self.spin);
             let Some((rates, twist)) = wanted else {
@@ -277,7 +288,9 @@ impl<'a> Course<'a> {
         }
         match (sent, rig.arm.state().map(|state| state.mode)) {
             (Ok(()), _) => Ok(()),
-            (Err(_), Ok(ArmMode::Faulted(fault))) => Err(Stop::ArmFault(fault)),
+            (Err(_), Ok(ArmMode::Faulted(fault))) => {
+                Err(Stop::ArmFault(fault, rig.arm.explanation()))
+            }
             (Err(error), _) => Err(Stop::Device(told(&error))),
         }
     }
@@ -293,7 +306,7 @@ impl<'a> Course<'a> {
     ) -> Result<(), Stop> {
         match state.mode {
             ArmMode::Enabled | ArmMode::Moving => {}
-            ArmMode::Faulted(fault) => return Err(Stop::ArmFault(fault)),
+            ArmMode::Faulted(fault) => return Err(Stop::ArmFault(fault, None)),
             mode => return Err(Stop::ArmNotEnabled(mode)),
         }
         let age = now.secs_since(state.stamp);

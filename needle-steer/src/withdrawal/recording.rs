@@ -113,7 +113,12 @@ impl Recording {
             };
             tape.commands.push(Vec::new());
             for record in reader.by_ref() {
-                tape.take(record.map_err(in_log(log))?, &bearings);
+                match record {
+                    Ok(record) => tape.take(record, &bearings),
+                    // As a power failure leaves it: what stands before leads out.
+                    Err(ReadError::Damaged { .. }) if tape.last.is_some() => tape.broken = true,
+                    Err(error) => return Err(in_log(log)(error)),
+                }
             }
             tape.broken |= !reader.is_complete();
             read = Some((config, bearings));

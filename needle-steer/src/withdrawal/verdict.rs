@@ -4,6 +4,7 @@ use hal::{ArmMode, FaultReason};
 use serde::Serialize;
 
 use super::path::OffPath;
+use crate::supervisor::in_words;
 
 /// The verdict of a withdrawal.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,11 +64,14 @@ pub enum Refusal {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Stop {
     /// The arm faulted.
-    #[error("the arm faulted: {0:?}")]
-    ArmFault(FaultReason),
+    #[error("the arm faulted: {}", in_words(*.0, .1.as_deref()))]
+    ArmFault(FaultReason, Option<String>),
     /// The arm left its enabled state.
     #[error("the arm is not enabled but {0:?}")]
     ArmNotEnabled(ArmMode),
+    /// The ROS node was asked to end, or lost its name.
+    #[error("{0}")]
+    NodeEnded(String),
     /// The arm refused a command, or its feedback failed.
     #[error("{0}")]
     Device(String),

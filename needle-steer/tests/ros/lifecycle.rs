@@ -36,8 +36,16 @@ fn ends_because(run: &mut Running, summary: &std::path::Path, words: &str) {
     let mut stderr = run.0.stderr.take().unwrap();
     stderr.read_to_string(&mut said).unwrap();
     assert!(said.contains(words), "{said}");
+    // It cannot stay to withdraw the needle, and says what does.
+    assert!(
+        said.contains("cannot stay") && said.contains("withdraw /"),
+        "{said}"
+    );
     let text = std::fs::read_to_string(summary).unwrap();
-    assert!(text.contains("\"ended\""), "{text}");
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let ended = summary["ended"].as_str().unwrap();
+    assert!(ended.contains(words), "{text}");
+    assert_eq!(summary["cause"], "operator", "{text}");
 }
 
 #[test]

@@ -16,6 +16,7 @@ mod lifecycle;
 mod master;
 mod picture;
 mod services;
+mod targets;
 mod velocity_arm;
 mod withdraw;
 

@@ -2,6 +2,7 @@
 
 mod limits;
 mod refused;
+mod reports;
 mod rest;
 mod tracking;
 mod watch;
@@ -12,6 +13,7 @@ use hal::guarded::{LimiterError, Motion};
 use limits::keeps_limits;
 pub use refused::Refused;
 pub(crate) use refused::skew;
+use reports::Reports;
 use rest::Rest;
 use tracking::Tracking;
 
@@ -114,8 +116,8 @@ pub(crate) struct Core {
     skewed: Option<(Stamp, f64)>,
     command: Option<Accepted>,
     last_sequence: Option<u64>,
-    /// Why the robot's controller cannot move it, where it says so.
-    hindrance: Option<FaultReason>,
+    /// What the robot's controller says.
+    reports: Reports,
     /// Others that command the same arm, and where.
     others: Option<(String, Vec<String>)>,
     /// Why the node can no longer command it.
@@ -146,7 +148,7 @@ impl Core {
             skewed: None,
             command: None,
             last_sequence: None,
-            hindrance: None,
+            reports: Reports::default(),
             others: None,
             cut_off: None,
             tracking: Tracking::new(&timing, tolerances.tracking, description.period),
@@ -210,8 +212,8 @@ impl Core {
     }
 
     /// Takes in what the robot's controller says of itself.
-    pub(crate) fn robot(&mut self, hindrance: Option<FaultReason>) {
-        self.hindrance = hindrance;
+    pub(crate) fn robot(&mut self, now: Stamp, hindrance: Option<FaultReason>) {
+        self.reports.take(now, hindrance);
     }
 
     pub(crate) fn state(&self, now: Stamp) -> Result<ArmState, Refused> {
@@ -230,8 +232,11 @@ impl Core {
             ArmMode::Faulted(reason) => return Err(self.refused(reason)),
             mode => return Err(Refused::Mode { mode }),
         }
-        if let Some(reason) = self.hindrance {
+        if let Some(reason) = self.reports.hindrance {
             return Err(Refused::Hindered { reason });
+        }
+        if let Some(silence) = self.reports.silence(now) {
+            return Err(Refused::SilentRobot { silence });
         }
         if let Some((topic, nodes)) = self.others.clone() {
             return Err(Refused::SecondController { topic, nodes });
@@ -299,8 +304,11 @@ impl Core {
     }
 
     pub(crate) fn reset(&mut self, now: Stamp) -> Result<(), Refused> {
+        if self.reports.silence(now).is_some() {
+            self.reports.forget();
+        }
         if let ArmMode::Faulted(reason) = self.mode {
-            if let Some(reason) = self.hindrance {
+            if let Some(reason) = self.reports.hindrance {
                 return Err(Refused::Hindered { reason });
             }
             self.fresh(now)?;

@@ -128,9 +128,9 @@ impl RosArm {
                 lock(&feedback).feedback(clock.now(), reading);
             }
         })?;
-        let told = Arc::clone(&arm.core);
+        let (told, clock) = (Arc::clone(&arm.core), node.clock());
         Inlet::open::<industrial_msgs::RobotStatus>(node, &options.robot_status, 1, move |m| {
-            lock(&told).robot(status::hindrance(&m));
+            lock(&told).robot(clock.now(), status::hindrance(&m));
         })?;
         arm.peers = Some(Peers::watch(node, &options.velocities, &arm.core)?);
         let cut = Arc::downgrade(&arm.core);

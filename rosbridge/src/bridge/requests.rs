@@ -1,5 +1,6 @@
 //! Requests from ROS: services and the target topic.
 
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -8,8 +9,13 @@ use hal::{Position, Transform};
 use nalgebra::Vector3;
 
 use crate::convert::{self, ConvertError};
-use crate::msg::{geometry_msgs, std_srvs};
-use crate::seam::{Inlet, Node, NodeError, Service};
+use crate::msg::{geometry_msgs, std_msgs, std_srvs};
+use crate::seam::{Inlet, Node, NodeError, Outlet, Service, WeakNode};
+
+/// Topic of new targets (`geometry_msgs/PointStamped`).
+const TARGET: &str = "target";
+/// Topic of what became of the newest one (`std_msgs/String`, latched).
+const TARGET_ANSWER: &str = "target/answer";
 
 /// Requests that may wait to be polled.
 const QUEUE: usize = 16;
@@ -39,30 +45,36 @@ pub enum Command {
     Target(Position<LeftCamera>),
 }
 
+/// What became of a request: in words, both ways.
+type Verdict = Result<String, String>;
+
 /// A request that is answered once.
-#[derive(Debug)]
 pub struct Request {
     /// What is wanted.
     pub command: Command,
-    answer: Option<SyncSender<Result<String, String>>>,
+    answer: Box<dyn FnOnce(Verdict) + Send>,
 }
 
 impl Request {
+    fn new(command: Command, answer: impl FnOnce(Verdict) + Send + 'static) -> Self {
+        let answer = Box::new(answer);
+        Self { command, answer }
+    }
+
     /// Tells the caller that it is done or under way.
     pub fn accept(self, text: impl Into<String>) {
-        self.answer(Ok(text.into()));
+        (self.answer)(Ok(text.into()));
     }
 
     /// Tells the caller why not.
     pub fn refuse(self, reason: impl Into<String>) {
-        self.answer(Err(reason.into()));
+        (self.answer)(Err(reason.into()));
     }
+}
 
-    fn answer(self, verdict: Result<String, String>) {
-        if let Some(answer) = self.answer {
-            // The caller may have gone.
-            let _ = answer.try_send(verdict);
-        }
+impl std::fmt::Debug for Request {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Request").field(&self.command).finish()
     }
 }
 
@@ -136,23 +148,52 @@ impl<'a> Requests<'a> {
         })
     }
 
-    /// Listens for targets in the stereo frame or in the world.
+    /// Listens for targets in the stereo frame or in the world; what becomes of one is said.
     fn target(
         &self,
-        topic: &str,
         world_from_left_camera: Transform<World, LeftCamera>,
     ) -> Result<(), NodeError> {
+        let answers = Arc::new(Answers {
+            node: self.node.downgrade(),
+            topic: Outlet::new(self.node, TARGET_ANSWER, 1, true)?,
+        });
         let sender = self.sender.clone();
-        Inlet::open::<geometry_msgs::PointStamped>(self.node, topic, 1, move |message| {
-            if let Ok(target) = target(&message, &world_from_left_camera) {
-                let request = Request {
-                    command: Command::Target(target),
-                    answer: None,
-                };
-                // A full queue drops: nobody is looking.
-                let _ = sender.try_send(Received::new(request));
+        Inlet::open::<geometry_msgs::PointStamped>(self.node, TARGET, 1, move |message| {
+            let target = match target(&message, &world_from_left_camera) {
+                Ok(target) => target,
+                Err(why) => return answers.say(Err(why.to_string())),
+            };
+            let answering = Arc::clone(&answers);
+            let request = Request::new(Command::Target(target), move |verdict| {
+                answering.say(verdict);
+            });
+            if let Err(unsent) = sender.try_send(Received::new(request)) {
+                let (TrySendError::Full(unheard) | TrySendError::Disconnected(unheard)) = unsent;
+                unheard.request.refuse("nobody looks at requests");
             }
         })
+    }
+}
+
+/// Who publishes a target cannot be answered: it is said to all, and refusals on `/rosout` too.
+struct Answers {
+    node: WeakNode,
+    topic: Outlet<std_msgs::String>,
+}
+
+impl Answers {
+    fn say(&self, verdict: Verdict) {
+        let data = match verdict {
+            Ok(text) => text,
+            Err(reason) => {
+                let text = format!("target refused: {reason}");
+                if let Some(node) = self.node.upgrade() {
+                    node.warn(&text);
+                }
+                text
+            }
+        };
+        self.topic.send(std_msgs::String { data });
     }
 }
 
@@ -173,17 +214,18 @@ pub(super) fn open(
         requests.trigger(name, command)?;
     }
     requests.enable("~enable")?;
-    requests.target("target", world_from_left_camera)?;
+    requests.target(world_from_left_camera)?;
     Ok(requests.receiver())
 }
 
 /// Queues a request and waits for the verdict.
 fn ask(sender: &SyncSender<Received>, command: Command) -> (bool, String) {
     let (answer, verdict) = sync_channel(1);
-    match sender.try_send(Received::new(Request {
-        command,
-        answer: Some(answer),
-    })) {
+    let request = Request::new(command, move |verdict| {
+        // The caller may have gone.
+        let _ = answer.try_send(verdict);
+    });
+    match sender.try_send(Received::new(request)) {
         Ok(()) => {}
         Err(TrySendError::Full(_)) => return (false, "too many requests wait".to_owned()),
         Err(TrySendError::Disconnected(_)) => return (false, "the run has ended".to_owned()),
@@ -253,10 +295,7 @@ mod tests {
         assert_eq!(caller.join().unwrap(), (false, "not moving".to_owned()));
 
         sender
-            .try_send(Received::new(Request {
-                command: Command::Stop,
-                answer: None,
-            }))
+            .try_send(Received::new(Request::new(Command::Stop, |_| {})))
             .unwrap();
         assert_eq!(
             ask(&sender, Command::Stop),
@@ -272,10 +311,9 @@ mod tests {
     #[test]
     fn old_requests_are_refused() {
         let (answer, verdict) = sync_channel(1);
-        let request = Request {
-            command: Command::Start,
-            answer: Some(answer),
-        };
+        let request = Request::new(Command::Start, move |verdict| {
+            answer.try_send(verdict).unwrap();
+        });
         let mut received = Received::new(request);
         received.at = received.at.checked_sub(2 * AGE_LIMIT).unwrap();
         assert!(received.fresh().is_none());

@@ -8,6 +8,7 @@ use hal::telemetry::TruthReport;
 use hal::{Arm, ArmState, Error, Joints, SensedShape, Stamp, StereoFrame, Transform};
 
 use super::ArmNode;
+use crate::codes::Code;
 use crate::convert;
 use crate::laboratory::{LABORATORY, SHAPES};
 use crate::lockstep::ADVANCE;
@@ -116,6 +117,7 @@ impl LabNode {
             stereo_from_world: convert::pose(seen.stereo_from_world.isometry()),
             pre_insertion: seen.pre_insertion,
             truth: (&seen.truth).into(),
+            events: seen.truth.events.iter().map(|event| event.code()).collect(),
         };
         if self.ticks.is_some() {
             self.arm.joint_states.send(self.arm.feedback(arm));

@@ -18,7 +18,8 @@ const QUEUE: usize = 512;
 pub enum Overflow {
     /// The run waits: for simulated time.
     Wait,
-    /// Records are dropped and counted: the run never waits for a disk.
+    /// Records are dropped and counted: the run never waits for a disk, and what was written is
+    /// on it half a second later even if the power fails.
     Drop,
 }
 
@@ -67,11 +68,15 @@ impl Log {
             path: path.display().to_string(),
             source,
         };
+        let disk = match overflow {
+            Overflow::Wait => None,
+            Overflow::Drop => Some(file.try_clone().map_err(io)?),
+        };
         let writer = LogWriter::new(file, run)?;
         let (sender, receiver) = sync_channel(QUEUE);
         let thread = std::thread::Builder::new()
             .name("log".to_owned())
-            .spawn(move || drain(writer, &receiver))
+            .spawn(move || drain(writer, &receiver, disk.as_ref()))
             .map_err(io)?;
         Ok(Self {
             sender: Some(sender),
@@ -139,16 +144,31 @@ impl Drop for Log {
     clippy::disallowed_methods,
     reason = "the age of unwritten data is wall-clock time"
 )]
-fn drain(mut writer: LogWriter<File>, receiver: &Receiver<Record>) -> Result<(), WriteError> {
+fn drain(
+    mut writer: LogWriter<File>,
+    receiver: &Receiver<Record>,
+    disk: Option<&File>,
+) -> Result<(), WriteError> {
     let mut flushed = Instant::now();
+    let mut has_start = false;
     loop {
+        // Where the arm stood first is what leads back to it.
+        let mut due = false;
         match receiver.recv_timeout(FLUSH_PERIOD.saturating_sub(flushed.elapsed())) {
-            Ok(record) => writer.write(&record)?,
+            Ok(record) => {
+                writer.write(&record)?;
+                due = !has_start && matches!(record, Record::Arm(_));
+            }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return writer.finish(),
         }
-        if flushed.elapsed() >= FLUSH_PERIOD {
+        has_start |= due;
+        if due || flushed.elapsed() >= FLUSH_PERIOD {
             writer.flush()?;
+            if let Some(disk) = disk {
+                // A power failure takes what was only handed to the system.
+                disk.sync_data()?;
+            }
             flushed = Instant::now();
         }
     }

@@ -46,8 +46,9 @@ pub enum WriteError {
     },
 }
 
-/// Size at which a chunk is closed \[bytes\].
-const CHUNK: u64 = 4 << 20;
+/// Size at which a chunk is closed \[bytes\]: what breaks off within one is lost, a tenth of a
+/// second of a simulated run.
+const CHUNK: u64 = 256 << 10;
 /// Time between two drawings of the needle in the log.
 const MARKER_PERIOD: Duration = Duration::from_millis(100);
 

@@ -1,6 +1,10 @@
 //! Why an order was refused.
 
+use std::time::Duration;
+
 use hal::{ArmMode, ErrorKind, FaultReason};
+
+use super::reports::silent;
 
 /// Stamps further behind than this are none: the publisher leaves them empty \[s\].
 const UNSTAMPED: f64 = 1e8;
@@ -45,6 +49,12 @@ pub enum Refused {
     Hindered {
         /// What it says.
         reason: FaultReason,
+    },
+    /// The robot's controller reports no more.
+    #[error("{}", silent(*silence))]
+    SilentRobot {
+        /// For how long.
+        silence: Duration,
     },
     /// Other nodes publish velocities for the same arm.
     #[error("{}", second_controller(.topic, .nodes))]
@@ -92,7 +102,7 @@ impl Refused {
     pub const fn kind(&self) -> ErrorKind {
         match self {
             Self::NoFeedback => ErrorKind::Disconnected,
-            Self::StaleFeedback { .. } => ErrorKind::Timeout,
+            Self::StaleFeedback { .. } | Self::SilentRobot { .. } => ErrorKind::Timeout,
             Self::Skew { .. } => ErrorKind::ClockSkew,
             Self::Mode { .. } => ErrorKind::WrongMode,
             Self::Faulted { .. } | Self::Hindered { .. } | Self::SecondController { .. } => {

@@ -425,3 +425,35 @@ fn a_node_that_is_cut_off_faults_its_arm_for_good() {
     let refused = bench.core.reset(bench.now).unwrap_err().to_string();
     assert!(refused.contains("the node was shut down"), "{refused}");
 }
+
+#[test]
+fn a_robot_that_reports_no_more_is_noticed_where_it_did_regularly() {
+    // One latched report, and none since.
+    let mut bench = Bench::enabled();
+    bench.core.robot(bench.now, None);
+    for _ in 0..200 {
+        bench.step();
+    }
+    assert_eq!(bench.mode(), ArmMode::Enabled);
+    // Twice a second, and then silence.
+    for period in 0..400 {
+        if period % 30 == 0 {
+            bench.core.robot(bench.now, None);
+        }
+        bench.step();
+    }
+    assert_eq!(bench.mode(), ArmMode::Enabled);
+    for _ in 0..130 {
+        bench.step();
+    }
+    assert_eq!(bench.mode(), ArmMode::Faulted(FaultReason::StaleFeedback));
+    let words = bench.core.explanation().unwrap();
+    assert!(words.contains("robot_status"), "{words}");
+    // Who clears that goes on without: a needle has to come out.
+    bench.core.reset(bench.now).unwrap();
+    bench.core.enable(bench.now).unwrap();
+    for _ in 0..200 {
+        bench.step();
+    }
+    assert_eq!(bench.mode(), ArmMode::Enabled);
+}

@@ -3,6 +3,7 @@
 use hal::{ArmMode, FaultReason, Stamp};
 
 use super::refused::{reported, second_controller, skew};
+use super::reports::silent;
 use super::{Core, Feedback};
 
 impl Core {
@@ -25,8 +26,11 @@ impl Core {
         if let Some(why) = &self.cut_off {
             return Some((FaultReason::ConnectionLost, why.clone()));
         }
-        if let Some(reason) = self.hindrance {
+        if let Some(reason) = self.reports.hindrance {
             return Some((reason, reported(reason).to_owned()));
+        }
+        if let Some(silence) = self.reports.silence(now) {
+            return Some((FaultReason::StaleFeedback, silent(silence)));
         }
         if let Some((topic, nodes)) = &self.others {
             let words = second_controller(topic, nodes);
