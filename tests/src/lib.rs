@@ -17,4 +17,5 @@ mod targets;
 mod tidy;
 mod tracking;
 mod viper_contract;
+mod ways_out;
 mod withdrawal;

@@ -3,7 +3,7 @@
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, FaultReason, SensedShape, ShapeSensor};
 use nalgebra::{Point3, Vector3};
-use needle_steer::config::{Config, SensorKind, TargetKind};
+use needle_steer::config::{Backend, Config, SensorKind, TargetKind};
 use needle_steer::controls::{Controls, Wish};
 use needle_steer::outcome::{Ended, Summary};
 use needle_steer::rig::{Eyes, Rig};
@@ -160,6 +160,23 @@ fn an_emergency_stop_of_the_arm_ends_the_run() {
         words: None,
     };
     assert_eq!(summary.ended, Ended::Stopped(expected));
+}
+
+/// The Viper's driver knows more of a fault than its name.
+#[test]
+fn a_fault_is_told_in_the_arms_words() {
+    let mut config = short_insertion();
+    config.run.backend = Backend::Viper;
+    let mut rig = Rig::new(&config).unwrap();
+    let emulator = rig.emulator.clone().unwrap();
+    let (summary, _) = insert(&config, &mut rig, |_, t| {
+        if t.step == 200 {
+            emulator.turn(|knobs| knobs.error_code = -1042);
+        }
+    });
+    let ended = summary.ended.to_string();
+    let (_, words) = ended.split_once("ControllerError: ").unwrap();
+    assert!(words.contains("-1042"), "{ended}");
 }
 
 #[test]

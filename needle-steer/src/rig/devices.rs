@@ -41,6 +41,7 @@ pub(super) struct Devices {
     pub(super) marker: MarkerEyes,
     pub(super) world: Option<Box<dyn Scoring>>,
     pub(super) simulated_arm: Option<SimulatedArm>,
+    pub(super) emulator: Option<Emulator>,
 }
 
 /// How the time of a simulated world passes.
@@ -77,7 +78,13 @@ impl Place {
         } else {
             bench
         };
-        let (arm, body, time, simulated_arm) = arm(config, &self.chain, &self.joints)?;
+        let ArmParts {
+            arm,
+            body,
+            time,
+            simulated_arm,
+            emulator,
+        } = ArmParts::of(config, &self.chain, &self.joints)?;
         let world = SimulatedWorld::new(
             body,
             self.chain,
@@ -103,6 +110,7 @@ impl Place {
             marker: MarkerEyes::new(Box::new(world.marker_sensor())),
             world: Some(Box::new(world)),
             simulated_arm,
+            emulator,
         })
     }
 
@@ -135,6 +143,7 @@ impl Place {
             marker: link.marker(config)?,
             world: None,
             simulated_arm: None,
+            emulator: None,
         })
     }
 
@@ -152,6 +161,7 @@ impl Place {
             marker: MarkerEyes::default(),
             world: None,
             simulated_arm: None,
+            emulator: None,
         })
     }
 
@@ -164,6 +174,7 @@ impl Place {
             marker: link.marker(config)?,
             world: parts.truth.map(|truth| Box::new(truth) as Box<dyn Scoring>),
             simulated_arm: None,
+            emulator: None,
         })
     }
 }
@@ -184,44 +195,62 @@ fn twin(
     )?))
 }
 
-/// An arm's driver, what moves in the simulated world, the wall's time where that counts, and the
-/// simulated arm if it is one.
-type ArmParts = (
-    Box<dyn Arm>,
-    Box<dyn Body>,
-    Option<WallTime>,
-    Option<SimulatedArm>,
-);
+/// An arm and what moves in the simulated world with it.
+struct ArmParts {
+    arm: Box<dyn Arm>,
+    body: Box<dyn Body>,
+    /// The wall's time, where that counts.
+    time: Option<WallTime>,
+    simulated_arm: Option<SimulatedArm>,
+    emulator: Option<Emulator>,
+}
 
-fn arm(config: &Config, chain: &Chain, joints: &hal::Joints) -> Result<ArmParts, RigBuildError> {
-    match config.run.backend {
-        Backend::Sim => {
-            let arm = SimulatedArm::new(chain, joints, SimSettings::default())?;
-            Ok((
-                Box::new(arm.driver()),
-                Box::new(arm.clone()),
-                None,
-                Some(arm),
-            ))
-        }
-        Backend::Viper => {
-            if config.viper.dialect == ViperDialect::Adept2018 && !config.is_dry() {
-                return Err(RigBuildError::PositioningOnly);
+impl ArmParts {
+    fn of(config: &Config, chain: &Chain, joints: &hal::Joints) -> Result<Self, RigBuildError> {
+        match config.run.backend {
+            Backend::Sim => {
+                let arm = SimulatedArm::new(chain, joints, SimSettings::default())?;
+                Ok(Self {
+                    simulated_arm: Some(arm.clone()),
+                    ..Self::new(arm.driver(), arm)
+                })
             }
-            if !config.viper.emulate {
-                let time = WallTime::start();
-                // Checks alone show where the arm is, wherever it stands.
-                let start = config.run.dry_run_air.then_some(joints);
-                let (arm, body) = host::connect(config, chain, start, time)?;
-                return Ok((Box::new(arm), Box::new(body), Some(time), None));
+            Backend::Viper => {
+                if config.viper.dialect == ViperDialect::Adept2018 && !config.is_dry() {
+                    return Err(RigBuildError::PositioningOnly);
+                }
+                if !config.viper.emulate {
+                    let time = WallTime::start();
+                    // Checks alone show where the arm is, wherever it stands.
+                    let start = config.run.dry_run_air.then_some(joints);
+                    let (arm, body) = host::connect(config, chain, start, time)?;
+                    return Ok(Self {
+                        time: Some(time),
+                        ..Self::new(arm, body)
+                    });
+                }
+                let settings = host::settings(config);
+                let dialect = settings.dialect;
+                let core = viper::driver::Core::new(settings)?;
+                let emulator = Emulator::new(EmulatorConfig::viper(dialect, *joints));
+                let handle = emulator.clone();
+                let (arm, lockstep) = viper::lockstep::Lockstep::over_tcp(core, emulator)?;
+                Ok(Self {
+                    emulator: Some(handle),
+                    ..Self::new(arm, lockstep)
+                })
             }
-            let settings = host::settings(config);
-            let dialect = settings.dialect;
-            let core = viper::driver::Core::new(settings)?;
-            let emulator = Emulator::new(EmulatorConfig::viper(dialect, *joints));
-            let (arm, lockstep) = viper::lockstep::Lockstep::over_tcp(core, emulator)?;
-            Ok((Box::new(arm), Box::new(lockstep), None, None))
+            Backend::Ros => Err(RigBuildError::NoNode),
         }
-        Backend::Ros => Err(RigBuildError::NoNode),
+    }
+
+    fn new(arm: impl Arm + 'static, body: impl Body + 'static) -> Self {
+        Self {
+            arm: Box::new(arm),
+            body: Box::new(body),
+            time: None,
+            simulated_arm: None,
+            emulator: None,
+        }
     }
 }

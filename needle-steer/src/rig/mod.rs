@@ -176,6 +176,8 @@ pub struct Rig {
     pub world: Option<Box<dyn Scoring>>,
     /// The simulated arm, where there is one, for faults.
     pub simulated_arm: Option<SimulatedArm>,
+    /// The Viper's emulated controller, where there is one, for faults.
+    pub emulator: Option<viper::Emulator>,
     /// Joints at the start pose of the configuration.
     pub home: hal::Joints,
     /// What the straight insertion from there leaves the arm.
@@ -289,6 +291,7 @@ impl Rig {
             marker: devices.marker,
             world: devices.world,
             simulated_arm: devices.simulated_arm,
+            emulator: devices.emulator,
             home: joints,
             course,
             sequence: 0,

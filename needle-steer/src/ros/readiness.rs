@@ -16,7 +16,7 @@ pub(super) fn prepare(
     given: Option<Position<LeftCamera>>,
 ) -> Result<(), String> {
     let state = rig.arm.state().map_err(|error| words(&error))?;
-    target(config, rig, given)?;
+    target(config, rig, given).map_err(|reason| format!("target refused: {reason}"))?;
     if config.run.dry_run {
         return Ok(());
     }
@@ -34,6 +34,7 @@ pub(super) fn target(
         return Err(TargetRefused::Marker.to_string());
     }
     check_target(config, rig, given).map_err(|error| match error {
+        RunError::Target(refused) => refused.to_string(),
         RunError::Device(error) => words(&error),
         error => error.to_string(),
     })

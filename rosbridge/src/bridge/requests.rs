@@ -14,6 +14,8 @@ use crate::seam::{Inlet, Node, NodeError, Outlet, Service, WeakNode};
 
 /// Topic of new targets (`geometry_msgs/PointStamped`).
 const TARGET: &str = "target";
+/// Frames of a target.
+const FRAMES: &str = "left_camera_optical_frame or world";
 /// Topic of what became of the newest one (`std_msgs/String`, latched).
 const TARGET_ANSWER: &str = "target/answer";
 
@@ -254,7 +256,7 @@ fn target(
         }
         _ => Err(ConvertError::Frame {
             found: message.header.frame_id.clone(),
-            expected: LeftCamera::NAME,
+            expected: FRAMES,
         }),
     }
 }
@@ -280,7 +282,10 @@ mod tests {
         let by_world = target(&message("world", 0.1), &world_from_left).unwrap();
         let back = (world_from_left * by_world).coords();
         assert!((back - Vector3::new(0.1, 0.2, 0.3)).norm() < 1e-15);
-        assert!(target(&message("base_link", 0.1), &world_from_left).is_err());
+        let refused = target(&message("base_link", 0.1), &world_from_left).unwrap_err();
+        for frame in ["base_link", LeftCamera::NAME, World::NAME] {
+            assert!(refused.to_string().contains(frame), "{refused}");
+        }
         assert!(target(&message("world", f64::NAN), &world_from_left).is_err());
     }
 

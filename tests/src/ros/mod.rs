@@ -4,6 +4,7 @@
 
 mod contract;
 mod insertions;
+mod ways_out;
 
 #[path = "../../../rosbridge/tests/ros/master.rs"]
 #[expect(

@@ -1,0 +1,447 @@
+//! The kinds of stop that docs/WITHDRAWAL.md lists: after each of them one withdrawal takes the
+//! needle to the surface, on every back end that runs in one process. `ros::ways_out` runs the
+//! same list over a master.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use hal::telemetry::{Phase, Telemetry};
+use hal::{
+    Clock, Error, ErrorKind, GrayImage, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame,
+};
+use nalgebra::Point3;
+use needle_steer::config::{self, Backend, Config};
+use needle_steer::controls::Controls;
+use needle_steer::cycle::base_pose;
+use needle_steer::rig::{Eyes, Rig};
+use needle_steer::run::{Insertion, Observer, Unobserved};
+use needle_steer::withdrawal::Verdict;
+use robots::sim::{Fault, SimulatedArm};
+use robots::viper::Emulator;
+
+/// The step at which something happens: about 12 mm deep.
+const MOMENT: u64 = 400;
+
+/// What is done to a run at [`MOMENT`], and from then on.
+#[derive(Clone, Copy)]
+pub(crate) enum Act {
+    /// Nothing: the settings lead to the stop.
+    Nothing,
+    /// To what the sensor says.
+    Sight(fn(SensedShape) -> Result<Option<SensedShape>, Error>),
+    /// To the images.
+    Blank,
+    /// By the operator.
+    Operator(fn(&Controls)),
+    /// The operator holds the dead-man's switch until then.
+    LetGo,
+    /// To the arm; afterwards it is mended.
+    Arm(Fault),
+    /// A command is late.
+    Late,
+}
+
+/// A kind of stop.
+pub(crate) struct Kind {
+    /// Its name in docs/WITHDRAWAL.md.
+    name: &'static str,
+    /// What the verdict says, in small letters.
+    told: &'static str,
+    /// Settings beside those of every run.
+    settings: &'static [&'static str],
+    act: Act,
+}
+
+const fn kind(
+    name: &'static str,
+    told: &'static str,
+    settings: &'static [&'static str],
+    act: Act,
+) -> Kind {
+    Kind {
+        name,
+        told,
+        settings,
+        act,
+    }
+}
+
+const LINK: &str = "link lost and back";
+
+/// The kinds; killed programs and full disks are whole processes (`needle-steer/tests/withdraw.rs`).
+static KINDS: [Kind; 15] = [
+    kind("no image", "no image", &[], Act::Sight(|_| Ok(None))),
+    kind(
+        "needle lost in the images",
+        "not found in the images",
+        &["run.sensor=images"],
+        Act::Blank,
+    ),
+    kind(
+        "a sensor in other units",
+        "units",
+        &[],
+        Act::Sight(|shape| Ok(Some(in_millimetres(shape)))),
+    ),
+    kind(
+        "a sensor that is gone",
+        "not connected",
+        &[],
+        Act::Sight(|_| Err(Error::new("tracker", ErrorKind::Disconnected))),
+    ),
+    kind(
+        "measurements late",
+        "old when they arrive",
+        &[],
+        Act::Sight(|mut shape| {
+            shape.stamp = Stamp::from_secs(shape.stamp.as_secs() - 1.0);
+            Ok(Some(shape))
+        }),
+    ),
+    kind(
+        "a bound",
+        "tissue stretched by",
+        &[
+            "supervisor.tissue_stretch_mm=0.4",
+            "limits.entry_stretch_mm=0.4",
+            "target.depth_mm=80",
+            "target.offset_mm=10",
+        ],
+        Act::Nothing,
+    ),
+    kind(
+        "stall or buckling",
+        "the shaft",
+        &[
+            "run.seed=770001",
+            "run.check_reach=false",
+            "phantom.friction.shaft_n_m=100.0",
+            "target.depth_mm=80",
+            "target.offset_mm=10",
+        ],
+        Act::Nothing,
+    ),
+    kind(
+        "target out of reach on the way",
+        "target out of reach",
+        &[
+            "target.depth_mm=80",
+            "target.offset_mm=12",
+            "target.angle_deg=0",
+            "limits.tilt_deg=1",
+            "limits.base_offset_mm=3",
+            "estimator.cut_angle_deg=15",
+            "phantom.tip.cut_angle_deg=2",
+        ],
+        Act::Nothing,
+    ),
+    kind(
+        "target refused, then stopped",
+        "interrupted",
+        &[],
+        Act::Operator(|controls| {
+            controls.aim_then(hal::Position::new(Point3::new(0.0, 0.0, 17.0)), |answer| {
+                assert!(answer.is_err());
+            });
+            controls.stop();
+        }),
+    ),
+    kind(
+        "emergency stop and reset",
+        "emergencystop",
+        &[],
+        Act::Arm(Fault::EmergencyStop),
+    ),
+    kind(LINK, "connection", &[], Act::Arm(Fault::ConnectionLost)),
+    kind("a late command", "rejected", &[], Act::Late),
+    kind(
+        "Ctrl-C",
+        "interrupted",
+        &[],
+        Act::Operator(Controls::interrupt),
+    ),
+    kind(
+        "dead-man's switch",
+        "dead-man",
+        &["supervisor.dead_man_ms=300"],
+        Act::LetGo,
+    ),
+    kind(
+        "time out",
+        "timed out",
+        &["run.max_duration_s=15"],
+        Act::Nothing,
+    ),
+];
+
+fn in_millimetres(mut shape: SensedShape) -> SensedShape {
+    let scale = |p: &mut hal::Position<hal::frame::LeftCamera>| {
+        *p = hal::Position::new((p.coords() * 1e3).into());
+    };
+    scale(&mut shape.tip.position);
+    shape
+        .points
+        .iter_mut()
+        .for_each(|point| scale(&mut point.position));
+    shape
+}
+
+/// The configuration of a kind.
+pub(crate) fn config_of(kind: &Kind, backend: Backend) -> Config {
+    let common = [
+        "run.sensor=shape",
+        "target.depth_mm=40",
+        "target.offset_mm=1",
+    ];
+    let all = common.iter().chain(kind.settings).map(ToString::to_string);
+    let mut config = config::load(None, &all.collect::<Vec<_>>()).unwrap();
+    config.run.backend = backend;
+    config
+}
+
+/// What moves the needle in truth.
+pub(crate) enum Machine {
+    Simulated(SimulatedArm),
+    Emulated(Emulator),
+    /// The arm of an emulated laboratory: at the robot its fault is cleared, too.
+    Laboratory(SimulatedArm),
+}
+
+impl Machine {
+    fn of(rig: &Rig) -> Self {
+        match (&rig.simulated_arm, &rig.emulator) {
+            (Some(arm), _) => Self::Simulated(arm.clone()),
+            (None, Some(emulator)) => Self::Emulated(emulator.clone()),
+            (None, None) => panic!("this rig has no machine in this process"),
+        }
+    }
+
+    /// The fault comes, or its cause is gone.
+    fn turn(&self, fault: Fault, on: bool) {
+        match self {
+            Self::Simulated(arm) | Self::Laboratory(arm) if on => arm.inject(fault),
+            Self::Simulated(arm) => arm.clear(fault),
+            Self::Laboratory(arm) => {
+                arm.clear(fault);
+                hal::Arm::reset(&mut arm.driver()).unwrap();
+            }
+            Self::Emulated(emulator) => emulator.turn(|knobs| match fault {
+                Fault::EmergencyStop => (knobs.e_stop, knobs.powered) = (on, !on),
+                Fault::DrivesOff => knobs.powered = !on,
+                Fault::Manual => knobs.mode = if on { 1 } else { 2 },
+                Fault::ControllerError => knobs.error_code = if on { 7 } else { 0 },
+                Fault::FeedbackFrozen => knobs.freeze_feedback = on,
+                other => panic!("the emulated controller has no {other:?}"),
+            }),
+        }
+    }
+}
+
+/// A sensor to which something happens once the moment has come.
+struct Tampered {
+    sensor: Box<dyn ShapeSensor>,
+    come: Arc<AtomicBool>,
+    act: fn(SensedShape) -> Result<Option<SensedShape>, Error>,
+}
+
+impl ShapeSensor for Tampered {
+    fn poll(&mut self) -> Result<Option<SensedShape>, Error> {
+        match self.sensor.poll()? {
+            Some(shape) if self.come.load(Ordering::Relaxed) => (self.act)(shape),
+            seen => Ok(seen),
+        }
+    }
+}
+
+/// Cameras that see only paper once the moment has come.
+struct Covered(Box<dyn StereoCamera>, Arc<AtomicBool>);
+
+impl StereoCamera for Covered {
+    fn poll(&mut self) -> Result<Option<StereoFrame>, Error> {
+        let mut seen = self.0.poll()?;
+        if let (Some(pair), true) = (&mut seen, self.1.load(Ordering::Relaxed)) {
+            for frame in [&mut pair.left, &mut pair.right] {
+                let (width, height) = (frame.image.width(), frame.image.height());
+                frame.image = GrayImage::filled(width, height, 200).into();
+            }
+        }
+        Ok(seen)
+    }
+}
+
+/// A clock that is read 150 ms late once.
+struct Starved(Box<dyn Clock>, Arc<AtomicBool>);
+
+impl Clock for Starved {
+    fn now(&self) -> Stamp {
+        let now = self.0.now();
+        if self.1.swap(false, Ordering::Relaxed) {
+            return Stamp::from_secs(now.as_secs() - 0.15);
+        }
+        now
+    }
+
+    fn wait_until(&mut self, deadline: Stamp) {
+        self.0.wait_until(deadline);
+    }
+}
+
+struct Script<F>(F);
+
+impl<F: FnMut(&Telemetry)> Observer for Script<F> {
+    fn step(&mut self, telemetry: &Telemetry) {
+        (self.0)(telemetry);
+    }
+}
+
+/// Depth of the true tip below the surface [mm].
+fn tip_depth_mm(config: &Config, rig: &Rig) -> f64 {
+    let tip = rig.world.as_ref().unwrap().true_tip() - config.entry().coords;
+    tip.dot(&config.inward()) * 1e3
+}
+
+/// An insertion on `rig` that ends as `kind` says, and the withdrawal after it; twice: then there is
+/// nothing left to withdraw.
+pub(crate) fn stop_and_withdraw(kind: &Kind, config: &Config, mut rig: Rig, machine: &Machine) {
+    let name = kind.name;
+    let start = base_pose(&rig.bearings, &hal::Arm::state(&mut rig.arm).unwrap());
+    let come = Arc::new(AtomicBool::new(false));
+    match (kind.act, core::mem::replace(&mut rig.eyes, Eyes::none())) {
+        (Act::Sight(act), Eyes::Shape(sensor)) => {
+            let come = Arc::clone(&come);
+            rig.eyes = Eyes::Shape(Box::new(Tampered { sensor, come, act }));
+        }
+        (Act::Blank, Eyes::Cameras(cameras)) => {
+            rig.eyes = Eyes::Cameras(Box::new(Covered(cameras, Arc::clone(&come))));
+        }
+        (_, eyes) => rig.eyes = eyes,
+    }
+    if matches!(kind.act, Act::Late) {
+        let clock = core::mem::replace(&mut rig.clock, Box::new(Stopped));
+        rig.clock = Box::new(Starved(clock, Arc::clone(&come)));
+    }
+    let controls = Controls::default();
+    let mut insertion = Insertion::begin(config, &mut rig).unwrap();
+    let mut script = Script(|t: &Telemetry| {
+        if matches!(kind.act, Act::LetGo) && t.step <= MOMENT {
+            controls.refresh_dead_man();
+        }
+        if t.step != MOMENT {
+            return;
+        }
+        come.store(true, Ordering::Relaxed);
+        match kind.act {
+            Act::Operator(act) => act(&controls),
+            Act::Arm(fault) => machine.turn(fault, true),
+            _ => {}
+        }
+    });
+    let summary = insertion.carry_out(config, &mut script, &controls).unwrap();
+    let ended = summary.ended.to_string().to_lowercase();
+    assert!(ended.contains(kind.told), "{name}: {ended}");
+    assert!(!summary.ended.is_success(), "{name}: {ended}");
+    let deep = tip_depth_mm(config, insertion.rig);
+    assert!(deep > 5.0, "{name}: only {deep} mm deep");
+    if let Act::Arm(fault) = kind.act {
+        let later = insertion.rig.clock.now() + Duration::from_millis(500);
+        insertion.rig.clock.wait_until(later);
+        machine.turn(fault, false);
+        // The news has to come through.
+        let later = insertion.rig.clock.now() + Duration::from_millis(500);
+        insertion.rig.clock.wait_until(later);
+    }
+    // A new wish, as of a new command.
+    let controls = Controls::default();
+    let mut phases = Vec::new();
+    let mut script = Script(|t: &Telemetry| phases.push(t.phase));
+    let out = insertion.withdraw(config, &mut script, &controls);
+    assert_eq!(out.ended, Verdict::Retracted, "{name}: {out:?}");
+    assert!(
+        phases.iter().all(|phase| *phase == Phase::Retracting),
+        "{name}"
+    );
+    assert!(
+        out.withdrawn_mm > 5.0 && out.left_mm < 0.2,
+        "{name}: {out:?}"
+    );
+    let depth = tip_depth_mm(config, insertion.rig);
+    assert!(depth < 1.0, "{name}: the tip is {depth} mm deep");
+    let state = hal::Arm::state(&mut insertion.rig.arm).unwrap();
+    let end = base_pose(&insertion.rig.bearings, &state);
+    let apart = (end.translation.vector - start.translation.vector).norm();
+    assert!(apart < 0.3e-3, "{name}: {apart} m from the start");
+    let again = insertion.withdraw(config, &mut Unobserved, &controls);
+    assert_eq!(again.ended, Verdict::AtStart, "{name}");
+}
+
+/// Stands in for a clock while one is exchanged.
+struct Stopped;
+
+impl Clock for Stopped {
+    fn now(&self) -> Stamp {
+        Stamp::ZERO
+    }
+
+    fn wait_until(&mut self, _: Stamp) {}
+}
+
+/// Those in which no link between processes has to come back: in lockstep none does, and on the wall
+/// clock needle-steer/tests has it.
+pub(crate) fn in_lockstep() -> impl Iterator<Item = &'static Kind> {
+    KINDS.iter().filter(|kind| kind.name != LINK)
+}
+
+/// Tries all `kinds`, and names every one that fails.
+pub(crate) fn each<'a>(kinds: impl IntoIterator<Item = &'a Kind>, attempt: impl Fn(&Kind)) {
+    let fails = |kind: &&Kind| catch_unwind(AssertUnwindSafe(|| attempt(kind))).is_err();
+    let failed: Vec<_> = kinds
+        .into_iter()
+        .filter(fails)
+        .map(|kind| kind.name)
+        .collect();
+    assert!(failed.is_empty(), "{failed:?}");
+}
+
+fn after_every_kind<'a>(backend: Backend, kinds: impl IntoIterator<Item = &'a Kind>) {
+    each(kinds, |kind| {
+        let config = config_of(kind, backend);
+        let rig = Rig::new(&config).unwrap();
+        let machine = Machine::of(&rig);
+        stop_and_withdraw(kind, &config, rig, &machine);
+    });
+}
+
+#[test]
+fn after_every_kind_of_stop_the_needle_comes_out_of_the_simulator() {
+    after_every_kind(Backend::Sim, &KINDS);
+}
+
+#[test]
+fn after_every_kind_of_stop_the_needle_comes_out_with_the_emulated_viper() {
+    after_every_kind(Backend::Viper, in_lockstep());
+}
+
+#[test]
+fn after_faults_of_the_arm_whose_cause_is_gone_the_needle_comes_out() {
+    let faults = [
+        kind("drives off", "drivesoff", &[], Act::Arm(Fault::DrivesOff)),
+        kind("manual mode", "notautomatic", &[], Act::Arm(Fault::Manual)),
+        kind(
+            "controller's error",
+            "controllererror",
+            &[],
+            Act::Arm(Fault::ControllerError),
+        ),
+        kind(
+            "frozen feedback",
+            "feedback",
+            &[],
+            Act::Arm(Fault::FeedbackFrozen),
+        ),
+    ];
+    after_every_kind(Backend::Viper, &faults);
+    let jam = kind("jam", "trackingerror", &[], Act::Arm(Fault::Jammed(1)));
+    after_every_kind(Backend::Sim, faults.iter().chain([&jam]));
+}
