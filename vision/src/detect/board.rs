@@ -74,6 +74,30 @@ pub enum BoardNotFound {
         /// Robust standard deviation of the others.
         sigma_px: f64,
     },
+    /// No markers that say where a part of a `ChArUco` board lies.
+    #[error(
+        "no two markers of the board that agree, of {markers} read ({crossings} isolated \
+         crossings): is it this dictionary, and this number of squares?"
+    )]
+    NoMarkers {
+        /// Crossings found.
+        crossings: usize,
+        /// Markers that agreed.
+        markers: usize,
+    },
+    /// No grid of circles of this size.
+    #[error(
+        "expected a grid of {expected} circles, {found} hang together of {discs} discs: all must be \
+         visible, none touch the image's border or another"
+    )]
+    NoCircles {
+        /// Expected circles.
+        expected: usize,
+        /// Circles of the largest grid.
+        found: usize,
+        /// Discs found.
+        discs: usize,
+    },
     /// A corner could not be refined.
     #[error("corner {corner} near ({x_px:.1}, {y_px:.1}) is no clear crossing")]
     Unclear {
@@ -121,8 +145,9 @@ pub fn refine_board(
     for (k, (col, row)) in board.size.indices().enumerate() {
         let spacing = spacing(&start, board.size, col, row);
         let half = (spacing / 4.0).min(largest);
-        // A soft edge may need more of itself than a quarter of the square.
-        board.corners[k] = [half, spacing / 3.0]
+        // A soft edge may need more of itself than a quarter of the square; what the image's border
+        // cuts, less.
+        board.corners[k] = [half, spacing / 3.0, half / 2.0]
             .into_iter()
             .find_map(|half| refine_corner(image, start[k], pixels(half), options.max_iterations))
             .ok_or(BoardNotFound::Unclear {

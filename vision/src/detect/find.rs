@@ -6,7 +6,7 @@ use nalgebra::Point2;
 
 use super::BoardSize;
 use super::board::{BoardCorners, BoardNotFound, check};
-use super::complete::complete;
+use super::complete::{complete, goes_on};
 use super::grid::{Grid, grids};
 use super::pattern::is_chessboard;
 use super::refine::refine_corner;
@@ -22,7 +22,7 @@ const WIDE: usize = 900;
 /// Images narrower than this show no board that a further reduction would make clearer \[px\].
 const NARROW: usize = 200;
 /// Crossings considered in an image: a board has about fifty, and texture makes some.
-const LIMIT: usize = 600;
+pub(super) const LIMIT: usize = 600;
 
 /// Finds a board and labels its corners to about a pixel.
 ///
@@ -35,8 +35,28 @@ pub fn find_board(image: &GrayImage, size: BoardSize) -> Result<BoardCorners, Bo
             rows: size.rows,
         });
     }
-    // The scale at which squares have some ten pixels comes first, then coarser ones, which
-    // bridge gaps and blur, then finer ones for small squares.
+    let mut problem = None;
+    for scaled in levels(image) {
+        match search(&scaled, image, size) {
+            Ok(board) => return Ok(board),
+            Err(e @ BoardNotFound::Several { .. }) => return Err(e),
+            Err(e) => {
+                let better = problem
+                    .as_ref()
+                    .is_none_or(|p| corners_in(&e) > corners_in(p));
+                if better {
+                    problem = Some(e);
+                }
+            }
+        }
+    }
+    Err(problem.unwrap_or(BoardNotFound::Nothing { crossings: 0 }))
+}
+
+/// An image at the scales that are searched, in their order: first that at which squares have some
+/// ten pixels, then coarser and smoothed ones, which bridge gaps and blur, then finer ones for
+/// small squares.
+pub(super) fn levels(image: &GrayImage) -> impl Iterator<Item = Scaled> {
     let mut pyramid = vec![Scaled::whole(image)];
     while let Some(last) = pyramid.last()
         && last.image.width() >= NARROW
@@ -49,47 +69,33 @@ pub fn find_board(image: &GrayImage, size: BoardSize) -> Result<BoardCorners, Bo
         .iter()
         .position(|s| s.image.width() <= WIDE)
         .unwrap_or(0);
-    let mut problem = None;
-    let mut note = |e: BoardNotFound| {
-        let better = problem
-            .as_ref()
-            .is_none_or(|p| corners_in(&e) > corners_in(p));
-        if better {
-            problem = Some(e);
-        }
-    };
-    let coarser = (first..pyramid.len()).map(|k| (k, false));
-    let soft = (first..pyramid.len().min(first + 2)).map(|k| (k, true));
-    let finer = (0..first).rev().map(|k| (k, false));
-    for (level, smooth) in coarser.take(2).chain(soft).chain(finer) {
-        let scaled = &pyramid[level];
-        let tried = if smooth {
-            search(&smoothed(scaled), size)
-        } else {
-            search(scaled, size)
-        };
-        match tried {
-            Ok(board) => return Ok(board),
-            Err(e @ BoardNotFound::Several { .. }) => return Err(e),
-            Err(e) => note(e),
-        }
-    }
-    for scaled in [first == 0, first + 2 < pyramid.len()]
-        .into_iter()
-        .zip([0, first + 2])
-        .filter_map(|(wanted, k)| wanted.then(|| pyramid.get(k)).flatten())
-    {
-        let scaled = if scaled.steps == 0 {
-            doubled(scaled)
-        } else {
-            scaled.clone()
-        };
-        match search(&scaled, size) {
-            Ok(board) => return Ok(board),
-            Err(e) => note(e),
-        }
-    }
-    Err(problem.unwrap_or(BoardNotFound::Nothing { crossings: 0 }))
+    let count = pyramid.len();
+    let coarser = (first..count.min(first + 2)).map(|k| (k, Change::None));
+    let soft = (first..count.min(first + 2)).map(|k| (k, Change::Smooth));
+    let finer = (0..first).rev().map(|k| (k, Change::None));
+    let twice = (first == 0).then_some((0, Change::Double));
+    let coarsest = (first + 2 < count).then_some((first + 2, Change::None));
+    coarser
+        .chain(soft)
+        .chain(finer)
+        .chain(twice)
+        .chain(coarsest)
+        .map(move |(level, change)| {
+            let scaled = &pyramid[level];
+            match change {
+                Change::None => scaled.clone(),
+                Change::Smooth => smoothed(scaled),
+                Change::Double => doubled(scaled),
+            }
+        })
+}
+
+/// What is done with a level of the pyramid.
+#[derive(Clone, Copy)]
+enum Change {
+    None,
+    Smooth,
+    Double,
 }
 
 /// How much of a board an attempt saw.
@@ -101,8 +107,12 @@ fn corners_in(e: &BoardNotFound) -> usize {
     }
 }
 
-/// Looks for the board at one scale; the corners are the whole image's.
-fn search(scaled: &Scaled, size: BoardSize) -> Result<BoardCorners, BoardNotFound> {
+/// Looks for the board at one scale of `whole`; the corners are the whole image's.
+fn search(
+    scaled: &Scaled,
+    whole: &GrayImage,
+    size: BoardSize,
+) -> Result<BoardCorners, BoardNotFound> {
     let image = &scaled.image;
     let map = response(image);
     let saddles: Vec<Saddle> = peaks(&map, image.width(), LIMIT)
@@ -120,15 +130,15 @@ fn search(scaled: &Scaled, size: BoardSize) -> Result<BoardCorners, BoardNotFoun
                 || (g.rows, g.cols) == (size.cols, size.rows))
             && is_chessboard(image, g)
     };
-    let mut whole: Vec<&Grid> = Vec::new();
+    let mut candidates: Vec<&Grid> = Vec::new();
     for grid in found.iter().filter(fits) {
         // Two parts of one board may both have grown to the whole.
         let again = |other: &&Grid| (grid.centre() - other.centre()).norm() < grid.spacing();
-        if !whole.iter().any(again) {
-            whole.push(grid);
+        if !candidates.iter().any(again) {
+            candidates.push(grid);
         }
     }
-    match whole.as_slice() {
+    match candidates.as_slice() {
         [one] => {
             let mut board = oriented(one, size);
             for corner in &mut board.corners {
@@ -139,6 +149,16 @@ fn search(scaled: &Scaled, size: BoardSize) -> Result<BoardCorners, BoardNotFoun
             check(&board, FALSE_COARSE_PX)?;
             for corner in &mut board.corners {
                 *corner = scaled.in_whole(corner);
+            }
+            let finer = one.moved(|at| scaled.in_whole(at));
+            if let Some((cols, rows)) = goes_on(image, one).or_else(|| goes_on(whole, &finer)) {
+                return Err(BoardNotFound::WrongSize {
+                    expected_cols: size.cols,
+                    expected_rows: size.rows,
+                    found: cols * rows,
+                    cols,
+                    rows,
+                });
             }
             Ok(board)
         }

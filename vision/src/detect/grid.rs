@@ -50,6 +50,15 @@ impl Grid {
         }
     }
 
+    /// The same labels with every crossing moved.
+    pub(super) fn moved(&self, to: impl Fn(&Point2<f64>) -> Point2<f64>) -> Self {
+        let mut grid = self.clone();
+        for cell in grid.cells.iter_mut().flatten() {
+            cell.at = to(&cell.at);
+        }
+        grid
+    }
+
     /// The crossing at a column and row.
     pub(super) fn at(&self, col: usize, row: usize) -> Option<&Cell> {
         self.cells[row * self.cols + col].as_ref()

@@ -4,6 +4,8 @@
 //! lens would image them. Anything less is a named error, never a board with fewer corners.
 
 mod board;
+mod charuco;
+mod circles;
 mod complete;
 mod find;
 mod grid;
@@ -15,6 +17,8 @@ mod saddle;
 mod scale;
 
 pub use board::{BoardCorners, BoardNotFound, detect_board, refine_board};
+pub use charuco::{CharucoBoard, Dictionary, UnknownDictionary, detect_charuco};
+pub use circles::detect_circles;
 pub use find::find_board;
 pub use refine::{RefineOptions, refine_corner};
 pub use regular::{Irregular, irregular_corner};

@@ -39,10 +39,13 @@ const SAMPLES: usize = 32;
 /// Radius of the ring on which a crossing is read, where its squares are large enough \[px\].
 pub(super) const RADIUS: f64 = 5.0;
 
+/// Distance of a ring from the image's border, for the interpolation \[px\].
+pub(super) const BORDER: f64 = 1.0;
+
 /// Reads the ring of `radius` around `at`: a crossing shows exactly four changes between dark and
 /// bright, opposite in pairs. `None` if this is no crossing, or too near to the border.
 pub(super) fn saddle_at(image: &GrayImage, at: Point2<f64>, radius: f64) -> Option<Saddle> {
-    let margin = radius + 1.5;
+    let margin = radius + BORDER;
     let (w, h) = (image.width() as f64, image.height() as f64);
     if !(at.x >= margin && at.y >= margin && at.x < w - margin && at.y < h - margin) {
         return None;
