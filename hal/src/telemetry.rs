@@ -149,6 +149,10 @@ pub struct ModelReport {
     pub iterations: u32,
     /// Residual of the equilibrium, relative.
     pub residual: f64,
+    /// Root mean square distance of the measured shaft from the model's \[m\]; NaN unknown. Not part
+    /// of the messages of ROS and logs.
+    #[serde(default)]
+    pub shaft_off: f64,
 }
 
 /// Something that ends the regular course of an insertion in a simulated world.
@@ -213,8 +217,17 @@ pub struct TruthReport {
     pub max_stretch: f64,
     /// Mean tissue displacement \[m\].
     pub mean_stretch: f64,
-    /// What happened since the report before. Not part of the messages of ROS and logs, where
-    /// notes tell of it.
+    /// Length of the cut path, from the entry to the deepest cut \[m\]; 0 before the entry. Like all
+    /// that follows it is not part of the messages of ROS and logs.
+    #[serde(default)]
+    pub path_length: f64,
+    /// How far the tissue at the tip is from where it rests, in World \[m\].
+    #[serde(default)]
+    pub tissue_shift: Vector3<f64>,
+    /// Lateral force on the shaft at the entry \[N\].
+    #[serde(default)]
+    pub entry_force: f64,
+    /// What happened since the report before; notes tell of it in logs.
     #[serde(default)]
     pub events: Vec<TruthEvent>,
 }

@@ -31,6 +31,8 @@ use crate::tissue::{Tissue, narrow};
 
 /// Poses kept: more than a second at any arm's rate.
 const ODOMETRY: usize = 256;
+/// Depth from which a needle is inside, however arm and cameras are registered \[m\].
+const INSIDE: f64 = 3e-3;
 /// Depth up to which a path is laid anew when its tissue turns out to breathe \[m\].
 const SHORT_PATH: f64 = 0.015;
 
@@ -269,15 +271,31 @@ impl Cycle {
         self.telemetry.model.stiffness = stiffness;
         self.telemetry.model.stiffness_sigma = sigma;
         let model = &mut self.telemetry.model;
-        match self.springs.update(base, measured, stiffness) {
+        let updated = self.springs.update(base, measured, stiffness);
+        let updated = updated
+            .map_err(|error| error.to_string())
+            .and_then(|springs| {
+                // A needle without tissue has an equilibrium too, which says nothing of this one.
+                let inserted = self.estimator.depth();
+                if self.springs.depth() > 0.0 || inserted < INSIDE {
+                    Ok(springs)
+                } else {
+                    Err(format!(
+                        "its needle is outside of the tissue, the measured one {:.0} mm inside",
+                        inserted * 1e3
+                    ))
+                }
+            });
+        match updated {
             Ok(springs) => {
                 self.model_failure = None;
                 self.springs.report(model);
+                model.shaft_off = springs::shaft_off(&model.shape, &self.shaft);
                 Some(springs)
             }
             Err(error) => {
                 let since = self.model_failure.take().map_or(now, |(since, _)| since);
-                self.model_failure = Some((since, error.to_string()));
+                self.model_failure = Some((since, error));
                 springs::report_failure(model);
                 None
             }

@@ -1,6 +1,10 @@
 //! The no-divergence campaign: laws, presets, start values and bad sensors thrown together, every
 //! step of every run held against its limits.
 
+pub mod confirm;
+pub mod watch;
+pub mod wide;
+
 use std::fmt;
 
 use hal::JointLimit;

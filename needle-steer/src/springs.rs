@@ -3,7 +3,7 @@
 
 use hal::telemetry::ModelReport;
 use hybrid_control::view::Springs;
-use nalgebra::{Isometry3, RowVector6, Translation3, Vector3};
+use nalgebra::{Isometry3, Point3, RowVector6, Translation3, Vector3};
 use needle_model::{
     Bevel, BevelError, Insertion, InsertionError, InsertionSettings, Needle, NeedleError,
     Sensitivities, TangentError, Tissue, TissueError,
@@ -191,6 +191,26 @@ impl SpringsModel {
     }
 }
 
+/// Root mean square distance of measured points of the `shaft` from the model's `shape`, a polyline
+/// \[m\]; NaN without points or shape. Both in one frame.
+pub(crate) fn shaft_off(shape: &[Vector3<f64>], shaft: &[(Point3<f64>, f64)]) -> f64 {
+    let squares = shaft.iter().map(|(point, _)| {
+        let to_piece = |ends: &[Vector3<f64>]| {
+            let (from, along) = (ends[0], ends[1] - ends[0]);
+            let offset = point.coords - from;
+            let share = offset.dot(&along) / along.norm_squared();
+            (offset - along * share.clamp(0.0, 1.0)).norm_squared()
+        };
+        shape.windows(2).map(to_piece).fold(f64::INFINITY, f64::min)
+    });
+    let mean = squares.sum::<f64>() / shaft.len() as f64;
+    if mean.is_finite() {
+        mean.sqrt()
+    } else {
+        f64::NAN
+    }
+}
+
 /// The model's part of the telemetry while it has no equilibrium: its figures are unknown.
 pub(crate) fn report_failure(report: &mut ModelReport) {
     report.mean_stretch = f64::NAN;
@@ -198,4 +218,18 @@ pub(crate) fn report_failure(report: &mut ModelReport) {
     report.entry_stretch = f64::NAN;
     report.entry_force = f64::NAN;
     report.residual = f64::NAN;
+    report.shaft_off = f64::NAN;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shaft_beside_the_model_is_measured_across_it() {
+        let shape = [0.0, 4e-3, 8e-3].map(|z| Vector3::new(0.0, 0.0, z));
+        let shaft = [1e-3, 5e-3, 7e-3].map(|z| (Point3::new(3e-4, -4e-4, z), 1e-4));
+        assert!((shaft_off(&shape, &shaft) - 5e-4).abs() < 1e-12);
+        assert!(shaft_off(&shape, &[]).is_nan() && shaft_off(&[], &shaft).is_nan());
+    }
 }

@@ -24,6 +24,14 @@ const DRAWN_BACK: f64 = 8e-3;
 /// Tissue loaded beyond its bounds holds the arm; for longer it ends the run. One noisy image does
 /// not.
 const LOAD_STOP: Duration = Duration::from_millis(250);
+/// Distance of the measured shaft from the model's from which the model's load is doubted \[m\]:
+/// calibrated arms and cameras stay below, tissue of a tenth of the stiffness told does not.
+const DOUBT: f64 = 0.5e-3;
+/// Largest over root mean square distance of two bent shafts \[1\]: by so much the largest stretch
+/// may be wrong.
+const PEAK: f64 = 2.0;
+/// Share of the bound that the model's stretch has to keep when that is taken from it \[1\].
+const CERTAIN: f64 = 0.8;
 /// A springs model without an equilibrium for longer holds the arm; its bounds are not read.
 const MODEL_HOLD: Duration = Duration::from_millis(100);
 /// The same for longer ends the run.
@@ -120,8 +128,8 @@ pub struct Supervisor {
     problem: String,
     implausible: Option<Implausible>,
     stalled: Option<Stamp>,
-    /// Since when the tissue is loaded beyond its bounds.
-    overloaded: Option<Stamp>,
+    /// Since when the tissue is loaded beyond its bounds, and what that is put down to.
+    overloaded: Option<(Stamp, Cause)>,
     /// Number of the newest token and when it came, or when tokens were first looked for.
     dead_man: Option<(u64, Stamp)>,
     /// Whether a token has come.
@@ -194,8 +202,13 @@ impl Supervisor {
         // The time counts from when the arm was held, not from when the tip fell behind.
         self.stalled = evidence.stalled.and(self.stalled.or(Some(now)));
         self.implausible = evidence.implausible.or(self.implausible);
-        let loaded = evidence.model.is_none() && self.overload(telemetry, evidence).is_some();
-        self.overloaded = loaded.then(|| self.overloaded.unwrap_or(now));
+        let load = self.overload(telemetry, evidence);
+        let load = load.filter(|_| evidence.model.is_none());
+        self.overloaded = load.map(|reason| {
+            let moves = evidence.tissue_motion.map(|_| Cause::TissueMotion);
+            let since = self.overloaded.map_or(now, |(since, _)| since);
+            (since, moves.unwrap_or_else(|| reason.cause()))
+        });
         if self.latched.is_none() {
             let swing = self.swing(telemetry);
             self.latched = self
@@ -227,14 +240,8 @@ impl Supervisor {
             Some(Cause::NeedleLost)
         } else if evidence.model.as_ref().is_some_and(model_fails) {
             Some(Cause::ModelFailed)
-        } else if self.overloaded.is_some() {
-            Some(if evidence.tissue_motion.is_some() {
-                Cause::TissueMotion
-            } else {
-                Cause::Tear
-            })
         } else {
-            None
+            self.overloaded.map(|(_, cause)| cause)
         }
     }
 
@@ -348,7 +355,7 @@ impl Supervisor {
             };
         }
         match (self.overloaded, self.overload(t, evidence)) {
-            (Some(since), Some(reason)) if now.since(since) > LOAD_STOP => {
+            (Some((since, _)), Some(reason)) if now.since(since) > LOAD_STOP => {
                 Err(moves.unwrap_or(reason))
             }
             _ => Ok(()),
@@ -360,7 +367,18 @@ impl Supervisor {
     fn overload(&self, t: &Telemetry, evidence: &Evidence) -> Option<StopReason> {
         let bounds = &self.bounds;
         let stretch = t.model.max_stretch - evidence.largest_tissue_motion;
-        if exceeds(stretch, bounds.tissue_stretch) {
+        let off_m = t.model.shaft_off;
+        let stretched = exceeds(stretch, bounds.tissue_stretch);
+        if (stretched || exceeds(t.model.entry_force, bounds.entry_force))
+            && off_m > DOUBT
+            && stretch - PEAK * off_m < CERTAIN * bounds.tissue_stretch
+        {
+            return Some(StopReason::ModelContradicted {
+                off_m,
+                stretch_m: stretch,
+            });
+        }
+        if stretched {
             return Some(StopReason::TissueStretch {
                 value_m: stretch,
                 bound_m: bounds.tissue_stretch,

@@ -143,6 +143,9 @@ impl Inner {
             direction: truth.direction(),
             max_stretch: truth.max_stretch,
             mean_stretch: truth.mean_stretch,
+            path_length: length(&truth.cut_path),
+            tissue_shift: self.bench.tissue_shift(&truth.tip()),
+            entry_force: truth.entry_force.norm(),
             ..TruthReport::default()
         }
     }
@@ -226,6 +229,14 @@ impl StereoCamera for WorldSensor {
     fn poll(&mut self) -> Result<Option<StereoFrame>, Error> {
         StereoCamera::poll(&mut self.0.lock().bench)
     }
+}
+
+/// Length of a polyline \[m\].
+fn length(points: &[Vector3<f64>]) -> f64 {
+    points
+        .windows(2)
+        .map(|ends| (ends[1] - ends[0]).norm())
+        .sum()
 }
 
 /// The kind of an event of the phantom.

@@ -148,6 +148,12 @@ impl Bench {
         self.marker.map(|rest| self.plant.tissue_at(&rest))
     }
 
+    /// How far the tissue that is at `place` at the last exposure is from where it rests, World
+    /// \[m\].
+    pub fn tissue_shift(&self, place: &Vector3<f64>) -> Vector3<f64> {
+        place - self.plant.rest_of(place)
+    }
+
     /// The newest measurement of the marker that has arrived and was not yet returned.
     pub fn poll_marker(&mut self) -> Option<SensedMarker> {
         self.marker_sensor.poll(self.now)

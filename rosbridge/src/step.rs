@@ -83,6 +83,7 @@ impl From<&msgs::Model> for ModelReport {
             entry_force: m.entry_force,
             iterations: m.iterations,
             residual: m.residual,
+            shaft_off: f64::NAN,
         }
     }
 }
@@ -115,7 +116,7 @@ impl From<&msgs::Truth> for TruthReport {
             axial_distance: m.axial_distance,
             max_stretch: m.max_stretch,
             mean_stretch: m.mean_stretch,
-            events: Vec::new(),
+            ..Self::default()
         }
     }
 }

@@ -18,4 +18,5 @@ mod tidy;
 mod tracking;
 mod viper_contract;
 mod ways_out;
+mod wide;
 mod withdrawal;

@@ -112,7 +112,12 @@ fn sticky_tissue_stops_the_base_within_three_millimetres_of_the_tip() {
                     summary.cause,
                     Some(Cause::Stall | Cause::Buckling | Cause::Tear | Cause::OutOfReach)
                 );
-                assert!(named || leapt, "{seed} {friction}: {summary:?}");
+                // A model that the measured shaft contradicts says so of its stretch.
+                let doubted = matches!(
+                    summary.ended,
+                    Ended::Stopped(StopReason::ModelContradicted { .. })
+                );
+                assert!(named || leapt || doubted, "{seed} {friction}: {summary:?}");
             }
         }
     }

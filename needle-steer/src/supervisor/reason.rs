@@ -88,6 +88,18 @@ pub enum StopReason {
         /// The model's words.
         problem: String,
     },
+    /// The measured shaft lies elsewhere than the model's: its load of the tissue cannot be told.
+    #[error(
+        "the measured shaft lies {:.1} mm beside the model's: that the tissue is stretched by {:.1} mm cannot be told",
+        off_m * 1e3,
+        stretch_m * 1e3
+    )]
+    ModelContradicted {
+        /// Distance of the measured shaft from the model's \[m\].
+        off_m: f64,
+        /// The model's largest stretch \[m\].
+        stretch_m: f64,
+    },
     /// Estimate and measurement disagree about where the tip is.
     #[error(
         "the estimated tip has passed the target, the measured one is {ahead_m:.4} m in front of it"
@@ -198,6 +210,7 @@ impl StopReason {
             Self::Stall { .. } => Cause::Stall,
             Self::TissueMotion { .. } => Cause::TissueMotion,
             Self::ModelFailed { .. }
+            | Self::ModelContradicted { .. }
             | Self::NonFinite { .. }
             | Self::Disagreement { .. }
             | Self::OutsideTissue => Cause::ModelFailed,

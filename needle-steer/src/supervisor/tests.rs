@@ -156,3 +156,36 @@ fn watchdogs_hold_before_they_stop() {
         Verdict::Stop(StopReason::EncoderTimeout { .. })
     ));
 }
+
+/// The cause of the stop by a model's largest stretch, with the measured shaft so far beside the
+/// model's.
+fn cause_of_stretch(stretch: f64, off: f64) -> Option<Cause> {
+    let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
+    let mut seen = telemetry();
+    seen.model.max_stretch = stretch;
+    seen.model.shaft_off = off;
+    let mut last = Verdict::Go;
+    for k in 0..30 {
+        let now = Stamp::from_secs(0.016 * f64::from(k));
+        supervisor.image(now, None);
+        let arm = ArmState {
+            stamp: now,
+            ..state()
+        };
+        last = supervisor.judge(now, &arm, &seen, &Evidence::default());
+    }
+    match last {
+        Verdict::Stop(reason) => Some(reason.cause()),
+        _ => None,
+    }
+}
+
+#[test]
+fn a_stretch_that_the_measured_shaft_contradicts_is_the_models_fault() {
+    assert_eq!(cause_of_stretch(7e-3, 3e-3), None);
+    assert_eq!(cause_of_stretch(8.5e-3, 0.3e-3), Some(Cause::Tear));
+    assert_eq!(cause_of_stretch(12e-3, 1e-3), Some(Cause::Tear));
+    assert_eq!(cause_of_stretch(8.5e-3, 2e-3), Some(Cause::ModelFailed));
+    // No shaft in sight contradicts nothing.
+    assert_eq!(cause_of_stretch(8.5e-3, f64::NAN), Some(Cause::Tear));
+}

@@ -69,6 +69,7 @@ fn telemetry(step: u64) -> Telemetry {
             entry_force: 0.7,
             iterations: 9,
             residual: 1e-12,
+            shaft_off: 0.0,
         },
         truth: step.is_multiple_of(2).then(|| TruthReport {
             stamp: Stamp::from_nanos(step * 11),
@@ -80,7 +81,7 @@ fn telemetry(step: u64) -> Telemetry {
             axial_distance: 0.2,
             max_stretch: 0.3,
             mean_stretch: 0.4,
-            events: Vec::new(),
+            ..TruthReport::default()
         }),
     }
 }
