@@ -17,7 +17,10 @@ const SHARE: f64 = 0.3;
 const FOLLOWS: f64 = 0.45;
 /// Measurements that are averaged: 0.15 mm of advance at 30 Hz and 1 mm/s.
 const AVERAGED: usize = 5;
-/// Measurements kept: longer than the window at a tenth of the nominal speed.
+/// Advance between samples that are kept \[m\], and how many are: four windows of it, however slowly
+/// the base goes.
+const APART: f64 = 0.01e-3;
+/// See [`APART`].
 const KEPT: usize = 600;
 
 /// Averaged base advance and tip advance at one measurement \[m\].
@@ -78,6 +81,12 @@ impl Stall {
             tip: self.recent.iter().map(|s| s.tip).sum::<f64>() / count,
         };
         self.finding = self.compare(exposed, now);
+        // Of the time in which the base stands the end counts.
+        let stands = |last: &&mut Sample| (now.base - last.base).abs() < APART;
+        if let Some(last) = self.samples.back_mut().filter(|last| stands(last)) {
+            last.tip = now.tip;
+            return;
+        }
         if self.samples.len() == KEPT {
             self.samples.pop_front();
         }
@@ -156,6 +165,19 @@ mod tests {
             }
             assert!((21.0..23.5).contains(&base), "seed {seed}: {base}");
         }
+    }
+
+    #[test]
+    fn a_base_that_creeps_stalls_too() {
+        let mut stall = Stall::default();
+        let found = (0..3000_u32).find_map(|k| {
+            let t = f64::from(k) / 30.0;
+            let base = 0.03 * t;
+            let tip = Point3::new(0.0, 0.0, 1e-3 * base.min(0.5));
+            stall.observe(Stamp::from_secs(t), base * 1e-3, &tip, &Vector3::z_axis());
+            stall.finding().map(|_| base)
+        });
+        assert!(found.is_some_and(|base| base < 2.0), "{found:?}");
     }
 
     #[test]

@@ -22,7 +22,8 @@ pub(super) struct Moment {
     pub(super) model: (f64, f64),
     /// Distance of the measured shaft from the model's.
     pub(super) shaft_off: f64,
-    /// The way of the true tip along its axis in the tissue, and of the tissue there, integrated.
+    /// The way of the true tip along its axis in the tissue, and of the tissue there along the base's,
+    /// integrated.
     pub(super) tip_way: f64,
     pub(super) tissue_way: f64,
     pub(super) base: Vector3<f64>,
@@ -76,7 +77,7 @@ impl Observer for Watch<'_> {
         if self.is_world_destroyed() {
             self.controls.stop();
         }
-        self.follow(truth);
+        self.follow(truth, &(base.rotation * Vector3::z()));
         self.moments.push(Moment {
             t,
             phase: telemetry.phase,
@@ -118,20 +119,18 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// Adds up what the tip cut and went. A needle that leaves its hole and enters another one has
+    /// Adds up what the tip cut and went, and the tissue along the base's `axis`. A needle that leaves its hole and enters another one has
     /// two paths; what tearing takes from a path is taken.
-    fn follow(&mut self, truth: &TruthReport) {
+    fn follow(&mut self, truth: &TruthReport, axis: &Vector3<f64>) {
         if let Some(before) = &self.truth {
             if before.path_length > 0.0 && truth.path_length > 0.0 {
                 self.path += truth.path_length - before.path_length;
             } else {
                 self.path += truth.path_length;
             }
-            let carried = truth
-                .direction
-                .dot(&(truth.tissue_shift - before.tissue_shift));
-            self.tissue_way += carried;
-            self.tip_way += truth.direction.dot(&(truth.tip - before.tip)) - carried;
+            let shift = truth.tissue_shift - before.tissue_shift;
+            self.tissue_way += axis.dot(&shift);
+            self.tip_way += truth.direction.dot(&(truth.tip - before.tip - shift));
         }
         if self.truth.is_none() {
             self.path = truth.path_length;
