@@ -1,5 +1,7 @@
 //! Has the target been passed? The estimate says when to look, the measurement says so.
 
+use std::collections::VecDeque;
+
 use hal::frame::LeftCamera;
 use hal::{Position, SensedTip, Stamp};
 use nalgebra::Vector3;
@@ -10,6 +12,13 @@ const WITHIN: f64 = 1e-3;
 const SIGMAS: f64 = 3.0;
 /// Distance ahead that no sensor resolves better, with its bias \[m\].
 const LEAST: f64 = 0.15e-3;
+/// Farthest that measurements may lie from where the tip was said to be at their instants, their noise
+/// counted \[m\]: a millimetre, less the bias of a sensor.
+const APART: f64 = 0.8e-3;
+/// Deviations of noise that are counted.
+const NOISE: f64 = 2.0;
+/// Places said that are kept: a second at 250 Hz.
+const KEPT: usize = 256;
 /// Longest wait for a measurement that agrees with the estimate \[s\]: half a second of latency,
 /// and the time in which the estimate follows the measurements.
 const PATIENCE: f64 = 3.0;
@@ -27,15 +36,33 @@ pub enum Answer {
     Beyond(f64),
     /// The measurements do not agree: the target is still so far ahead \[m\].
     Disagree(f64),
+    /// The tip is measured so far from where it is said to be \[m\].
+    Apart(f64),
 }
 
 /// Waits for the measurement that confirms what the estimate says.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Passing {
     since: Option<Stamp>,
+    /// Where the tip was said to be, and when.
+    said: VecDeque<(Stamp, Vector3<f64>)>,
+    /// Sum and number of the offsets of measurements from that since the arm stands, and the newest
+    /// exposure among them.
+    apart: (Vector3<f64>, u32, Option<Stamp>),
 }
 
 impl Passing {
+    /// Takes in where the tip is said to be at `stamp`.
+    pub fn say(&mut self, stamp: Stamp, tip: &Position<LeftCamera>) {
+        if self.said.back().is_some_and(|(last, _)| *last >= stamp) {
+            return;
+        }
+        if self.said.len() == KEPT {
+            self.said.pop_front();
+        }
+        self.said.push_back((stamp, tip.coords()));
+    }
+
     /// The target as it is now; `estimated`: its distance ahead of the estimated tip \[m\];
     /// `measured`: the newest measured tip with its exposure, in the frame of `target`.
     pub fn look(
@@ -47,21 +74,48 @@ impl Passing {
     ) -> Answer {
         if estimated > 0.0 {
             self.since = None;
+            self.apart = Default::default();
             return Answer::Ahead;
         }
         let since = *self.since.get_or_insert(now);
-        let Some((_, tip)) = measured.filter(|(exposed, _)| *exposed >= since) else {
+        let Some((exposed, tip)) = measured.filter(|(exposed, _)| *exposed >= since) else {
             return Answer::Awaited;
         };
+        let apart = self.compare(*exposed, tip);
         let (ahead, sigma) = ahead(target, tip);
         if ahead < -WITHIN - SIGMAS * sigma {
             Answer::Beyond(-ahead)
         } else if ahead <= (SIGMAS * sigma).clamp(LEAST, WITHIN) {
-            Answer::Passed
+            match apart {
+                Ok(()) => Answer::Passed,
+                Err(by) if now.secs_since(since) > PATIENCE => Answer::Apart(by),
+                Err(_) => Answer::Awaited,
+            }
         } else if now.secs_since(since) > PATIENCE {
             Answer::Disagree(ahead)
         } else {
             Answer::Awaited
+        }
+    }
+
+    /// Whether the tip is where it was said to be, by the mean of the measurements since the arm
+    /// stands; else how far off.
+    fn compare(&mut self, exposed: Stamp, tip: &SensedTip) -> Result<(), f64> {
+        let (sum, count, newest) = &mut self.apart;
+        let said = self.said.iter().rev().find(|(at, _)| *at <= exposed);
+        if let Some((_, said)) = said.filter(|_| newest.is_none_or(|newest| exposed > newest)) {
+            *sum += tip.position.coords() - said;
+            *count += 1;
+            *newest = Some(exposed);
+        }
+        let count = f64::from(*count);
+        let off = (*sum / count).norm();
+        let sigma = (tip.covariance.trace() / 3.0 / count).sqrt();
+        // Nothing to compare with is not agreement.
+        if off + NOISE * sigma <= APART {
+            Ok(())
+        } else {
+            Err(off)
         }
     }
 
@@ -101,6 +155,7 @@ mod tests {
         let at = Stamp::from_secs;
         let look = |passing: &mut Passing, now, estimated, seen: Option<(f64, f64)>| {
             let seen = seen.map(|(exposed, z)| (at(exposed), tip(z)));
+            passing.say(at(now), &Position::new(Point3::new(0.0, 0.0, 0.1)));
             passing.look(at(now), estimated, &target, seen.as_ref())
         };
         let mut passing = Passing::default();
@@ -131,5 +186,26 @@ mod tests {
         // An estimate that learns from the measurement goes on.
         assert_eq!(look(&mut passing, 6.1, 0.03, short), Answer::Ahead);
         assert!(!passing.is_waiting());
+    }
+
+    #[test]
+    fn a_tip_elsewhere_than_was_said_passes_nothing() {
+        let target = Position::new(Point3::new(1e-3, 0.0, 0.1));
+        let answer = |aside: f64| {
+            let mut passing = Passing::default();
+            let said = Position::new(Point3::new(aside, 0.0, 0.1));
+            let mut last = Answer::Ahead;
+            for k in 0..=120_u32 {
+                let now = Stamp::from_secs(1.0 + f64::from(k) / 30.0);
+                passing.say(now, &said);
+                last = passing.look(now, -1e-5, &target, Some(&(now, tip(0.1))));
+                if last == Answer::Passed {
+                    break;
+                }
+            }
+            last
+        };
+        assert_eq!(answer(0.5e-3), Answer::Passed);
+        assert!(matches!(answer(1.2e-3), Answer::Apart(by) if (by - 1.2e-3).abs() < 1e-9));
     }
 }

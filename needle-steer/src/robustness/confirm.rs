@@ -161,6 +161,7 @@ pub(super) fn confirmed(ended: &Ended, cause: Cause, config: &Config, truths: &T
             Ended::Stopped(StopReason::Disagreement { ahead_m }) => {
                 (truths.ahead - ahead_m).abs() < 0.5 * ASTRAY || truths.said_off > ASTRAY
             }
+            Ended::Stopped(StopReason::TipApart { off_m }) => truths.said_off > 0.5 * off_m,
             Ended::Stopped(StopReason::ModelContradicted { off_m, .. })
                 if truths.shaft_off[1] > 0.5 * off_m =>
             {

@@ -44,6 +44,8 @@ impl Insertion<'_> {
         let telemetry = self.cycle.telemetry();
         let ahead = telemetry.axial_distance;
         let measured = self.cycle.measured();
+        let said = self.rig.left_from_world() * telemetry.world_from_tip.origin();
+        self.passing.say(telemetry.stamp, &said);
         match self.passing.look(now, ahead, &telemetry.target, measured) {
             Answer::Ahead => {}
             Answer::Awaited => return None,
@@ -53,6 +55,7 @@ impl Insertion<'_> {
             Answer::Disagree(ahead_m) => {
                 return Some(Ended::Stopped(StopReason::Disagreement { ahead_m }));
             }
+            Answer::Apart(off_m) => return Some(Ended::Stopped(StopReason::TipApart { off_m })),
         }
         if let Some(shortfall) = self.reach.update(now, ahead, &telemetry.law) {
             return Some(Ended::Unreachable(shortfall));

@@ -108,6 +108,12 @@ pub enum StopReason {
         /// Target ahead of the measured tip \[m\].
         ahead_m: f64,
     },
+    /// The tip is measured elsewhere than it is estimated where the target is passed.
+    #[error("the measured tip lies {:.1} mm from the estimated one at the target", off_m * 1e3)]
+    TipApart {
+        /// How far \[m\].
+        off_m: f64,
+    },
     /// The needle is not in the tissue where it passes the target.
     #[error("the needle passed the target outside the tissue")]
     OutsideTissue,
@@ -213,6 +219,7 @@ impl StopReason {
             | Self::ModelContradicted { .. }
             | Self::NonFinite { .. }
             | Self::Disagreement { .. }
+            | Self::TipApart { .. }
             | Self::OutsideTissue => Cause::ModelFailed,
             Self::DeadMan { .. } => Cause::Operator,
         }
