@@ -108,12 +108,18 @@ fn a_killed_insertion_is_withdrawn_by_its_log() {
 
 #[test]
 fn a_log_that_a_full_disk_cut_off_leads_out() {
-    let out = folder("full-disk");
+    for backend in ["sim", "viper"] {
+        full_disk(backend);
+    }
+}
+
+fn full_disk(backend: &str) {
+    let out = folder(&format!("full-disk-{backend}"));
     // Beyond this size writing fails, as on a full disk; the signal that goes with it is ignored.
     let script = "trap '' XFSZ; ulimit -f 20000; exec \"$0\" \"$@\"";
     let run = Command::new("sh")
         .args(["-c", script, env!("CARGO_BIN_EXE_needle-steer")])
-        .args(["run", "--sensor", "shape", "--json"])
+        .args(["run", "--sensor", "shape", "--json", "--backend", backend])
         .args(["--set", "run.insertion_speed_mm_s=0.5"])
         .args(["--out", text(&out)])
         .output()
@@ -283,7 +289,8 @@ fn withdraw_at_last(log: &Path) -> serde_json::Value {
 
 #[test]
 fn an_arm_left_inside_by_another_process_is_withdrawn() {
-    for signal in ["-KILL", "-INT"] {
+    // To the program, or for a time to the controller: the link is lost, and comes back.
+    for signal in ["-KILL", "-INT", "-STOP"] {
         let controller = Controller::start(0.0);
         let start = controller.joints();
         let out = folder(&format!("process{signal}"));
@@ -295,10 +302,20 @@ fn an_arm_left_inside_by_another_process_is_withdrawn() {
             .unwrap();
         let log = out.join("run.mcap");
         wait_for_log(&log, 500_000);
-        let pid = run.id().to_string();
-        let sent = Command::new("kill").args([signal, &pid]).status();
-        assert!(sent.unwrap().success());
+        let struck = if signal == "-STOP" {
+            &controller.process
+        } else {
+            &run
+        };
+        let pid = struck.id().to_string();
+        let send = |signal: &str| Command::new("kill").args([signal, &pid]).status();
+        assert!(send(signal).unwrap().success());
         run.wait().unwrap();
+        if signal == "-STOP" {
+            let summary = std::fs::read_to_string(out.join("summary.json")).unwrap();
+            assert!(summary.contains(r#""cause": "device""#), "{summary}");
+            assert!(send("-CONT").unwrap().success());
+        }
         let inside = controller.joints();
         assert!(apart(&start, &inside) > 5e-3, "{start:?} {inside:?}");
         // Another insertion is refused, and told the way out.

@@ -109,33 +109,66 @@ fn is_test(text: &str, name: &str) -> bool {
     })
 }
 
+/// Asserts that the tests that a cell names exist: `crate: test`, the crate of the name before where
+/// none is given.
+fn tests_exist(of: &str, tests: &[String]) {
+    let contract = read("tests/src/arm_contract.rs").unwrap();
+    let mut member = String::new();
+    for code in tests {
+        if let Some(clause) = code.strip_prefix("contract: ") {
+            let clause = format!("fn {clause}<H: Harness>(");
+            assert!(contract.contains(&clause), "{of}: no clause `{code}`");
+            continue;
+        }
+        let name = if let Some((of, name)) = code.split_once(": ") {
+            of.clone_into(&mut member);
+            name
+        } else {
+            code
+        };
+        assert!(
+            is_test(&sources(&member), name),
+            "{of}: no test `{name}` in {member}"
+        );
+    }
+}
+
 #[test]
 fn every_hazard_has_a_test_that_exists() {
-    let contract = read("tests/src/arm_contract.rs").unwrap();
     let mut named = 0;
     for Row { hazard, tests, .. } in rows() {
-        let mut member = String::new();
-        for code in &tests {
-            if let Some(clause) = code.strip_prefix("contract: ") {
-                let clause = format!("fn {clause}<H: Harness>(");
-                assert!(contract.contains(&clause), "{hazard}: no clause `{code}`");
-                continue;
-            }
-            let name = if let Some((of, name)) = code.split_once(": ") {
-                of.clone_into(&mut member);
-                name
-            } else {
-                code
-            };
-            assert!(
-                is_test(&sources(&member), name),
-                "{hazard}: no test `{name}` in {member}"
-            );
-        }
+        tests_exist(&hazard, &tests);
         assert!(!tests.is_empty(), "{hazard}: no test");
         named += tests.len();
     }
     assert!(named >= 24, "the tables were not read: {named}");
+}
+
+/// docs/WITHDRAWAL.md: each cell of the kinds of stop is in the list that is tried on every back end,
+/// has a test of its own, or says why it has none.
+#[test]
+fn every_kind_of_stop_has_a_way_out_that_is_tried() {
+    let text = read("docs/WITHDRAWAL.md").unwrap();
+    let mut listed = Vec::new();
+    for line in text.lines().filter(|line| line.starts_with("| ")).skip(1) {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        assert_eq!(cells.len(), 7, "five columns: {line}");
+        let kind = cells[1];
+        for cell in &cells[3..6] {
+            match *cell {
+                "list" => listed.push(kind),
+                cell if cell.starts_with('`') => tests_exist(kind, &codes(cell)),
+                reason => assert!(reason.starts_with("as "), "{kind}: {reason}"),
+            }
+        }
+    }
+    for kind in crate::ways_out::names() {
+        assert!(listed.contains(&kind), "{kind} is not in the table");
+    }
+    for kind in listed {
+        let known = crate::ways_out::names().any(|name| name == kind);
+        assert!(known, "{kind} is not in the list");
+    }
 }
 
 #[test]

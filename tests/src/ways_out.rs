@@ -1,25 +1,29 @@
 //! The kinds of stop that docs/WITHDRAWAL.md lists: after each of them one withdrawal takes the
-//! needle to the surface, on every back end that runs in one process. `ros::ways_out` runs the
+//! needle to the surface, in the process that was stopped and in another one by its log, on every back end that runs in one process. `ros::ways_out` runs the
 //! same list over a master.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use hal::telemetry::{Phase, Telemetry};
 use hal::{
-    Clock, Error, ErrorKind, GrayImage, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame,
+    ArmState, Clock, Error, ErrorKind, GrayImage, RateCommand, SensedShape, ShapeSensor, Stamp,
+    StereoCamera, StereoFrame,
 };
 use nalgebra::Point3;
 use needle_steer::config::{self, Backend, Config};
 use needle_steer::controls::Controls;
 use needle_steer::cycle::base_pose;
+use needle_steer::journal::Journal;
 use needle_steer::rig::{Eyes, Rig};
 use needle_steer::run::{Insertion, Observer, Unobserved};
-use needle_steer::withdrawal::Verdict;
+use needle_steer::withdrawal::{self, Recording, Request, Verdict, rebuild, withdraw};
 use robots::sim::{Fault, SimulatedArm};
 use robots::viper::Emulator;
+use rosbridge::log::{LogReader, Record};
 
 /// The step at which something happens: about 12 mm deep.
 const MOMENT: u64 = 400;
@@ -288,11 +292,28 @@ impl Clock for Starved {
     }
 }
 
-struct Script<F>(F);
+/// Keeps the log of a run to which something is done at every step.
+struct Logged<F> {
+    journal: Journal,
+    act: F,
+}
 
-impl<F: FnMut(&Telemetry)> Observer for Script<F> {
+impl<F: FnMut(&Telemetry)> Observer for Logged<F> {
+    fn start(&mut self, arm: &ArmState) {
+        self.journal.start(arm);
+    }
+
+    fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
+        self.journal.inputs(arm, shape);
+    }
+
     fn step(&mut self, telemetry: &Telemetry) {
-        (self.0)(telemetry);
+        self.journal.step(telemetry);
+        (self.act)(telemetry);
+    }
+
+    fn command(&mut self, command: &RateCommand) {
+        self.journal.command(command);
     }
 }
 
@@ -303,8 +324,13 @@ fn tip_depth_mm(config: &Config, rig: &Rig) -> f64 {
 }
 
 /// An insertion on `rig` that ends as `kind` says, and the withdrawal after it; twice: then there is
-/// nothing left to withdraw.
-pub(crate) fn stop_and_withdraw(kind: &Kind, config: &Config, mut rig: Rig, machine: &Machine) {
+/// nothing left to withdraw. Answers the log of the insertion.
+pub(crate) fn stop_and_withdraw(
+    kind: &Kind,
+    config: &Config,
+    mut rig: Rig,
+    machine: &Machine,
+) -> PathBuf {
     let name = kind.name;
     let start = base_pose(&rig.bearings, &hal::Arm::state(&mut rig.arm).unwrap());
     let come = Arc::new(AtomicBool::new(false));
@@ -323,8 +349,12 @@ pub(crate) fn stop_and_withdraw(kind: &Kind, config: &Config, mut rig: Rig, mach
         rig.clock = Box::new(Starved(clock, Arc::clone(&come)));
     }
     let controls = Controls::default();
+    let folder = folder(kind, config);
+    let log = folder.join("run.mcap");
+    let journal = Journal::create(&log, config, &rig.bearings).unwrap();
     let mut insertion = Insertion::begin(config, &mut rig).unwrap();
-    let mut script = Script(|t: &Telemetry| {
+    insertion.folder = Some(folder);
+    let act = |t: &Telemetry| {
         if matches!(kind.act, Act::LetGo) && t.step <= MOMENT {
             controls.refresh_dead_man();
         }
@@ -337,8 +367,10 @@ pub(crate) fn stop_and_withdraw(kind: &Kind, config: &Config, mut rig: Rig, mach
             Act::Arm(fault) => machine.turn(fault, true),
             _ => {}
         }
-    });
-    let summary = insertion.carry_out(config, &mut script, &controls).unwrap();
+    };
+    let mut logged = Logged { journal, act };
+    let summary = insertion.carry_out(config, &mut logged, &controls).unwrap();
+    logged.journal.finish().unwrap();
     let ended = summary.ended.to_string().to_lowercase();
     assert!(ended.contains(kind.told), "{name}: {ended}");
     assert!(!summary.ended.is_success(), "{name}: {ended}");
@@ -354,14 +386,14 @@ pub(crate) fn stop_and_withdraw(kind: &Kind, config: &Config, mut rig: Rig, mach
     }
     // A new wish, as of a new command.
     let controls = Controls::default();
-    let mut phases = Vec::new();
-    let mut script = Script(|t: &Telemetry| phases.push(t.phase));
-    let out = insertion.withdraw(config, &mut script, &controls);
+    let out = insertion.withdraw(config, &mut Unobserved, &controls);
     assert_eq!(out.ended, Verdict::Retracted, "{name}: {out:?}");
-    assert!(
-        phases.iter().all(|phase| *phase == Phase::Retracting),
-        "{name}"
+    assert!(out.log_complete, "{name}: {out:?}");
+    let own = LogReader::open(Path::new(out.log.as_ref().unwrap())).unwrap();
+    let retracting = own.filter(
+        |record| matches!(record, Ok(Record::Step(step)) if step.phase == Phase::Retracting),
     );
+    assert_eq!(retracting.count() as u64, out.steps, "{name}");
     assert!(
         out.withdrawn_mm > 5.0 && out.left_mm < 0.2,
         "{name}: {out:?}"
@@ -374,6 +406,44 @@ pub(crate) fn stop_and_withdraw(kind: &Kind, config: &Config, mut rig: Rig, mach
     assert!(apart < 0.3e-3, "{name}: {apart} m from the start");
     let again = insertion.withdraw(config, &mut Unobserved, &controls);
     assert_eq!(again.ended, Verdict::AtStart, "{name}");
+    log
+}
+
+/// A folder of a test's own, made anew.
+fn folder(kind: &Kind, config: &Config) -> PathBuf {
+    let (backend, own) = (config.run.backend, std::process::id());
+    let name = format!("ways-out-{own}/{backend:?}/{}", kind.name.replace(' ', "-"));
+    let folder = std::env::temp_dir().join(name);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// Removes what a kind of stop that was tried has written.
+pub(crate) fn forget(log: &Path) {
+    std::fs::remove_dir_all(log.parent().unwrap()).unwrap();
+}
+
+/// What `needle-steer withdraw LOG` does in another process, where the simulated world is gone: the
+/// world as it was when the insertion ended, and the needle out of that.
+fn withdraw_by(log: &Path, kind: &Kind) {
+    let mut recording = Recording::read(log, &[]).unwrap();
+    let config = recording.config.clone();
+    let mut rig = rebuild(&config, &recording).unwrap();
+    let deep = tip_depth_mm(&config, &rig);
+    assert!(deep > 5.0, "{}: rebuilt only {deep} mm deep", kind.name);
+    let (lead, last_step) = (recording.lead(), recording.last_step);
+    let path = &mut recording.path;
+    let request = Request {
+        path,
+        lead,
+        last_step,
+    };
+    let controls = Controls::default();
+    let (nobody, record) = (&mut Unobserved, withdrawal::Record::none());
+    let out = withdraw(&config, &mut rig, request, nobody, &controls, record);
+    assert_eq!(out.ended, Verdict::Retracted, "{}: {out:?}", kind.name);
+    let depth = tip_depth_mm(&config, &rig);
+    assert!(depth < 1.0, "{}: the tip is {depth} mm deep", kind.name);
 }
 
 /// Stands in for a clock while one is exchanged.
@@ -385,6 +455,11 @@ impl Clock for Stopped {
     }
 
     fn wait_until(&mut self, _: Stamp) {}
+}
+
+/// What the kinds are called.
+pub(crate) fn names() -> impl Iterator<Item = &'static str> {
+    KINDS.iter().map(|kind| kind.name)
 }
 
 /// Those in which no link between processes has to come back: in lockstep none does, and on the wall
@@ -409,7 +484,17 @@ fn after_every_kind<'a>(backend: Backend, kinds: impl IntoIterator<Item = &'a Ki
         let config = config_of(kind, backend);
         let rig = Rig::new(&config).unwrap();
         let machine = Machine::of(&rig);
-        stop_and_withdraw(kind, &config, rig, &machine);
+        let log = stop_and_withdraw(kind, &config, rig, &machine);
+        // Jams are in no log, and settings that lead to a stop do so late: logs like the others.
+        let is_told_by_log = match kind.act {
+            Act::Nothing => false,
+            Act::Arm(fault) => !matches!(fault, Fault::Jammed(_)),
+            _ => true,
+        };
+        if backend == Backend::Sim && is_told_by_log {
+            withdraw_by(&log, kind);
+        }
+        forget(&log);
     });
 }
 

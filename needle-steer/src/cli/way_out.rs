@@ -72,9 +72,9 @@ fn stands_on(log: &Path, found: &Joints) -> bool {
         positions: *found,
         ..recording.last
     };
-    let gap = recording.gap();
+    let lead = recording.lead();
     let place = recording
         .path
-        .rejoin(&base_pose(&bearings, &state), found, gap);
+        .rejoin(&base_pose(&bearings, &state), found, lead);
     matches!(place, Ok(Place::On { .. }))
 }

@@ -73,10 +73,10 @@ pub(super) fn execute(args: &WithdrawArgs) -> anyhow::Result<ExitCode> {
         let beside = recording.insertion.parent().unwrap_or(Path::new("."));
         Record::beside(beside, &config, &rig.bearings, log)
     };
-    let gap = recording.gap();
+    let lead = recording.lead();
     let request = Request {
         path: &mut recording.path,
-        gap,
+        lead,
         last_step: recording.last_step,
     };
     let mut nobody = Unobserved;

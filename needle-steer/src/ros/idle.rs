@@ -16,7 +16,7 @@ use crate::controls::Controls;
 use crate::cycle::{Bearings, Cycle};
 use crate::rig::Rig;
 use crate::run::RunError;
-use crate::withdrawal::{BasePath, Place, Verdict, WENT_ON, make_ready};
+use crate::withdrawal::{BasePath, Lead, Place, Verdict, make_ready};
 
 /// Depth of the tip that still counts as outside \[m\].
 const OUTSIDE: f64 = 0.5e-3;
@@ -205,7 +205,7 @@ fn obey(
         ),
         Command::Retract => match stage {
             Stage::Before => request.refuse("nothing is inserted"),
-            Stage::After(path) => match make_ready(rig, path, WENT_ON, ANSWER) {
+            Stage::After(path) => match make_ready(rig, path, Lead::WENT_ON, ANSWER) {
                 Ok(Place::AtStart) => request.accept(Verdict::AtStart.to_string()),
                 Ok(Place::On { .. }) => {
                     request.accept("withdrawing the needle");

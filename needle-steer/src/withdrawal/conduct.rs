@@ -6,7 +6,7 @@ use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, RateCommand, Stamp, Twist};
 use nalgebra::{Isometry3, Vector3};
 
-use super::path::{BasePath, Place};
+use super::path::{BasePath, Lead, Place};
 use super::record::Record;
 use super::verdict::{Refusal, Stop, Summary, Verdict};
 use crate::bearings::{base_pose, first_telemetry};
@@ -30,16 +30,14 @@ const SPEED_RATIO: f64 = 2.0;
 const SPEED_MARGIN: f64 = 2e-3;
 /// The base may be so far beside the path: distance \[m\], tilt \[rad\].
 const BESIDE: (f64, f64) = (2e-3, 0.1);
-/// The arm may stand so far beyond the path of its own process \[m\]: a fault may have let it go on.
-pub const WENT_ON: f64 = 30e-3;
 
 /// What is to be withdrawn.
 #[derive(Debug)]
 pub struct Request<'a> {
     /// The path that the base came.
     pub path: &'a mut BasePath,
-    /// The base may stand so far ahead of the recorded end \[m\].
-    pub gap: f64,
+    /// Where the base may be beyond the recorded end.
+    pub lead: Lead,
     /// Number of the last step before.
     pub last_step: u64,
 }
@@ -49,7 +47,7 @@ impl<'a> Request<'a> {
     pub const fn of_run(path: &'a mut BasePath, last_step: u64) -> Self {
         Self {
             path,
-            gap: WENT_ON,
+            lead: Lead::WENT_ON,
             last_step,
         }
     }
@@ -63,7 +61,7 @@ impl<'a> Request<'a> {
 pub fn make_ready(
     rig: &mut Rig,
     path: &mut BasePath,
-    gap: f64,
+    lead: Lead,
     patience: Duration,
 ) -> Result<Place, Refusal> {
     if path.is_empty() {
@@ -75,11 +73,11 @@ pub fn make_ready(
         let problem = match advance(rig) {
             Ok((state, true)) => {
                 let pose = base_pose(&rig.bearings, &state);
-                return Ok(path.rejoin(&pose, &state.positions, gap)?);
+                return Ok(path.rejoin(&pose, &state.positions, lead)?);
             }
             Ok((state, false)) => {
                 let pose = base_pose(&rig.bearings, &state);
-                let place = path.clone().rejoin(&pose, &state.positions, gap)?;
+                let place = path.clone().rejoin(&pose, &state.positions, lead)?;
                 if place == Place::AtStart {
                     return Ok(Place::AtStart);
                 }
@@ -132,7 +130,7 @@ pub fn withdraw(
 ) -> Summary {
     let Request {
         path,
-        gap,
+        lead,
         last_step,
     } = request;
     let begun = rig.clock.now();
@@ -150,7 +148,7 @@ pub fn withdraw(
         out: None,
         log: None,
     };
-    match make_ready(rig, path, gap, PATIENCE) {
+    match make_ready(rig, path, lead, PATIENCE) {
         Err(refusal) => summary.ended = Verdict::Refused(refusal),
         Ok(Place::AtStart) => {}
         Ok(Place::On { left, gap }) => {

@@ -12,8 +12,8 @@ mod record;
 mod recording;
 mod verdict;
 
-pub use conduct::{Request, WENT_ON, make_ready, told, withdraw};
-pub use path::{BasePath, OffPath, Place};
+pub use conduct::{Request, make_ready, told, withdraw};
+pub use path::{BasePath, Lead, OffPath, Place};
 pub use rebuild::{RebuildError, rebuild};
 pub use record::Record;
 pub use recording::{Recording, RecordingError};

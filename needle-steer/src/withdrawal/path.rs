@@ -3,7 +3,7 @@
 //! Joints are retraced, not poses: a pose does not say how often the last joint has turned.
 
 use hal::{Joints, Twist};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Distance between kept poses \[m\].
 const SPACING: f64 = 0.2e-3;
@@ -22,10 +22,74 @@ const NEAR_LEVER: f64 = 1e-3;
 /// The base counts as on the path within this distance \[m\] and tilt \[rad\]. How far it is
 /// turned about the needle hurts nothing: a stop finds it spinning, and the way back unwinds that.
 const ON_PATH: (f64, f64) = (1e-3, 0.1);
-/// Beyond the recorded end the base may have left its axis by this share of the way.
+/// What an arm needs to come to rest at the guard's caps (8 mm/s across, 5 mm/s along), a relay and
+/// late feedback included \[m\]: 0.35 s.
+const BRAKING: f64 = 3e-3;
+/// Beyond the recorded end the base may have left its axis by this share of the way, besides
+/// [`Lead::aside`].
 const SLOPE: f64 = 0.3;
 /// ... and be tilted by so much \[rad\].
 const TILT: f64 = 0.35;
+/// A base that pivoted holds its needle so near to the entry \[m\]: outside of the tissue it is bent.
+const ENTRY: f64 = 10e-3;
+
+/// Where a base may be beyond the recorded end of its path, if it went on unrecorded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lead {
+    /// At most so far ahead of the end along its axis \[m\].
+    pub ahead: f64,
+    /// At most so far beside that axis \[m\], and a share of the way ahead besides.
+    pub aside: f64,
+    /// Where the needle enters the tissue, if the base may have pivoted about that.
+    pub through: Option<Point3<f64>>,
+}
+
+impl Lead {
+    /// Nothing is missing.
+    pub const NONE: Self = Self {
+        ahead: 0.0,
+        aside: 0.0,
+        through: None,
+    };
+    /// The whole way was recorded: the arm still braked.
+    pub const BRAKED: Self = Self {
+        ahead: BRAKING,
+        aside: BRAKING,
+        through: None,
+    };
+    /// A fault let the arm of this process go on.
+    pub const WENT_ON: Self = Self {
+        ahead: 30e-3,
+        aside: BRAKING,
+        through: None,
+    };
+
+    /// The log breaks off: any part of the needle may follow, and the base may have gone aside by
+    /// centimetres, as laws that pivot it do; but its needle still goes in at the entry.
+    pub const fn broken_off(entry: Point3<f64>) -> Self {
+        Self {
+            ahead: 0.3,
+            aside: BRAKING,
+            through: Some(entry),
+        }
+    }
+
+    /// Whether a base at `pose` is within it of the path's `end`.
+    fn holds(&self, pose: &Isometry3<f64>, end: &Isometry3<f64>) -> bool {
+        let beside = |from: &Isometry3<f64>, place: Vector3<f64>| {
+            let offset = place - from.translation.vector;
+            let axis = from.rotation * Vector3::z();
+            let along = offset.dot(&axis);
+            (along, (offset - axis * along).norm())
+        };
+        let (ahead, aside) = beside(end, pose.translation.vector);
+        let pivoted = self
+            .through
+            .is_some_and(|entry| ahead >= -ENTRY && beside(pose, entry.coords).1 <= ENTRY);
+        let straight = ahead >= -ON_PATH.0 && aside <= self.aside + SLOPE * ahead;
+        (pivoted || straight) && ahead <= self.ahead && tilt_between(pose, end) <= TILT
+    }
+}
 
 #[derive(Clone, Copy, Debug)]
 struct Kept {
@@ -100,8 +164,13 @@ impl BasePath {
         self.poses.is_empty()
     }
 
-    /// Finds the base at `pose`, the arm at `joints`, on the path and forgets what lies beyond it. A base ahead of the
-    /// recorded end by at most `gap` \[m\], as a log that breaks off leaves it, counts as on it.
+    /// Where the base began.
+    pub fn start(&self) -> Option<&Isometry3<f64>> {
+        self.poses.first().map(|kept| &kept.pose)
+    }
+
+    /// Finds the base at `pose`, the arm at `joints`, on the path and forgets what lies beyond it. A base beyond the
+    /// recorded end within `lead`, as a log that breaks off leaves it, counts as on it.
     ///
     /// # Errors
     /// It stands beside the path, or there is none.
@@ -109,7 +178,7 @@ impl BasePath {
         &mut self,
         pose: &Isometry3<f64>,
         joints: &Joints,
-        gap: f64,
+        lead: Lead,
     ) -> Result<Place, OffPath> {
         self.from = Some(*pose);
         let (mut nearest, mut least) = (0, f64::INFINITY);
@@ -142,11 +211,7 @@ impl BasePath {
             });
         }
         let offset = pose.translation.vector - end.pose.translation.vector;
-        let axis = end.pose.rotation * Vector3::z();
-        let ahead = offset.dot(&axis);
-        let aside = (offset - axis * ahead).norm();
-        let turned = tilt_between(pose, &end.pose);
-        if ahead > 0.0 && ahead <= gap && aside <= ON_PATH.0 + SLOPE * ahead && turned <= TILT {
+        if lead.holds(pose, &end.pose) {
             return Ok(Place::On {
                 left: end.way + offset.norm(),
                 gap: offset.norm(),
@@ -266,8 +331,12 @@ mod tests {
     }
 
     /// Where a base with this pose is on the path, its roll that of `at(k)`.
-    fn find(k: f64, aside: Isometry3<f64>, gap: f64) -> Result<Place, OffPath> {
-        path().rejoin(&(base(&at(k)) * aside), &at(k), gap)
+    fn find(k: f64, aside: Isometry3<f64>, ahead: f64) -> Result<Place, OffPath> {
+        let lead = Lead {
+            ahead,
+            ..Lead::BRAKED
+        };
+        path().rejoin(&(base(&at(k)) * aside), &at(k), lead)
     }
 
     #[test]
@@ -275,7 +344,7 @@ mod tests {
         let mut path = path();
         let (mut joints, dt) = (at(60.0), 0.016);
         let (mut steps, mut farthest) = (0, 0.0_f64);
-        path.rejoin(&base(&joints), &joints, 0.0).unwrap();
+        path.rejoin(&base(&joints), &joints, Lead::NONE).unwrap();
         while let Some((rates, twist)) = path.rates(&base(&joints), &joints, 2e-3, 1.0) {
             assert!(twist.linear.norm() < 2e-3 + 1e-12 && rates.max_abs() < 1.0 + 1e-12);
             joints = joints.zip(&rates, |q, rate| q + rate * dt);
@@ -308,21 +377,58 @@ mod tests {
         for (k, beside) in [
             (30.0, shift(5e-3, 0.0, 0.0)),
             (30.0, Isometry3::rotation(Vector3::x() * 0.2)),
-            (60.0, shift(3e-3, 0.0, 4e-3)),
+            (60.0, shift(6e-3, 0.0, 4e-3)),
             (0.0, shift(0.0, 0.0, -4e-3)),
         ] {
             let off = find(k, beside, 10e-3).unwrap_err();
             assert!(off.distance > 1e-3 || off.tilt > 0.1, "{off}");
         }
-        let nothing = BasePath::default().rejoin(&base(&at(0.0)), &at(0.0), 1.0);
+        let nothing = BasePath::default().rejoin(&base(&at(0.0)), &at(0.0), Lead::WENT_ON);
         assert!(nothing.is_err());
+    }
+
+    /// Laws pivot the base about the entry while the needle hardly advances.
+    #[test]
+    fn a_base_that_pivoted_beyond_a_broken_log_is_found_by_its_entry() {
+        let end = base(&at(60.0));
+        let entry = end * Point3::new(0.0, 0.0, 0.12);
+        let lead = Lead::broken_off(entry);
+        let turn = Isometry3::rotation(Vector3::x() * 0.1);
+        let about = Isometry3::from(entry.coords) * turn * Isometry3::from(-entry.coords);
+        let pivoted = about * end;
+        let place = path().rejoin(&pivoted, &at(60.0), lead);
+        assert!(
+            matches!(place, Ok(Place::On { gap, .. }) if gap > 10e-3),
+            "{place:?}"
+        );
+        assert!(path().rejoin(&pivoted, &at(60.0), Lead::BRAKED).is_err());
+        // As far aside, but its needle would not be in that hole.
+        for elsewhere in [
+            Isometry3::translation(0.0, 15e-3, 0.0) * end,
+            Isometry3::translation(0.0, 0.0, -20e-3) * pivoted,
+        ] {
+            assert!(path().rejoin(&elsewhere, &at(60.0), lead).is_err());
+        }
+    }
+
+    /// Its last speed was aside.
+    #[test]
+    fn a_base_that_braked_beside_the_recorded_end_is_found() {
+        for aside in [1.4e-3, -2.5e-3] {
+            let braked = Isometry3::translation(0.0, aside, -0.1e-3);
+            let found = find(60.0, braked, 3e-3);
+            assert!(
+                matches!(found, Ok(Place::On { gap, .. }) if gap > 1e-3),
+                "{found:?}"
+            );
+        }
     }
 
     #[test]
     fn a_base_that_leaves_its_leg_is_told_by_how_much() {
         let mut path = path();
         let end = base(&at(60.0));
-        path.rejoin(&end, &at(60.0), 0.0).unwrap();
+        path.rejoin(&end, &at(60.0), Lead::NONE).unwrap();
         path.rates(&end, &at(60.0), 1e-3, 1.0).unwrap();
         let off = Isometry3::translation(0.0, 2e-3, 0.0) * end;
         assert!((path.beside(&off).0 - 2e-3).abs() < 1e-5);
@@ -332,7 +438,7 @@ mod tests {
         let mut spun = at(60.0);
         spun[2] += 2.0;
         assert!(path.beside(&base(&spun)).1 < 1e-6);
-        let place = path.rejoin(&base(&spun), &spun, 0.0);
+        let place = path.rejoin(&base(&spun), &spun, Lead::NONE);
         assert!(matches!(place, Ok(Place::On { gap: 0.0, .. })), "{place:?}");
         let (way, effort) = path.left(&off, &at(60.0));
         assert!(way > 0.03 && effort > way);

@@ -8,7 +8,8 @@ use hal::{ArmState, Joints, RateCommand, Stamp, Transform};
 use nalgebra::Isometry3;
 use rosbridge::log::{LogReader, ReadError, Record};
 
-use super::path::BasePath;
+use super::path::{BasePath, Lead};
+use crate::bearings::entry_point;
 use crate::config::{self, Config, ConfigError};
 use crate::cycle::Bearings;
 use crate::journal::WITHDRAWAL_OF;
@@ -16,11 +17,6 @@ use crate::rig::{self, RigBuildError};
 
 /// Withdrawals of withdrawals that are followed back to their insertion.
 const GENERATIONS: u32 = 100;
-/// An arm may stand so far ahead of the end of a complete log \[m\]: it brakes.
-const BEYOND: f64 = 3e-3;
-/// ... and so far ahead of one that breaks off \[m\]: the whole needle.
-const BROKEN_OFF: f64 = 0.3;
-
 /// A log without a way out.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
@@ -142,9 +138,12 @@ impl Recording {
         })
     }
 
-    /// How far ahead of the recorded end the arm may stand \[m\].
-    pub const fn gap(&self) -> f64 {
-        if self.complete { BEYOND } else { BROKEN_OFF }
+    /// Where the arm may stand beyond the recorded end.
+    pub fn lead(&self) -> Lead {
+        match self.path.start() {
+            Some(start) if !self.complete => Lead::broken_off(entry_point(&self.config, start)),
+            _ => Lead::BRAKED,
+        }
     }
 }
 

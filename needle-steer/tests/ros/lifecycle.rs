@@ -58,6 +58,10 @@ fn a_killed_node_stops_its_insertion_and_keeps_the_results() {
     let mut run = steering(&master, out.to_str().unwrap());
     master.output(20, "rosnode", &["kill", "/needle_steer"]);
     ends_because(&mut run, &out.join("summary.json"), "asked to shut down");
+    let mut command = std::process::Command::new(BINARY);
+    command.arg("withdraw").arg(out.join("run.mcap"));
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{output:?}");
 }
 
 #[test]

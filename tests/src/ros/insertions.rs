@@ -76,6 +76,10 @@ fn ten_insertions_over_ros_are_those_of_one_process() {
         let (here, trace_here) = in_process(&config);
         let (there, trace_there) = over_ros(&config);
         assert_eq!(here.ended, there.ended, "seed {seed}");
+        let kinds = |summary: &Summary| -> Vec<_> {
+            summary.events.iter().map(|event| event.kind).collect()
+        };
+        assert_eq!(kinds(&here), kinds(&there), "seed {seed}");
         let (a, b) = (here.true_error_mm.unwrap(), there.true_error_mm.unwrap());
         let mut worst = 0.0_f64;
         if seed == 1 {

@@ -9,7 +9,7 @@ use needle_steer::rig::Rig;
 use needle_steer::ros::{Link, Watchdog, serve};
 
 use super::is_parent_of;
-use crate::ways_out::{Machine, config_of, each, in_lockstep, stop_and_withdraw};
+use crate::ways_out::{Machine, config_of, each, forget, in_lockstep, stop_and_withdraw};
 
 #[test]
 fn after_every_kind_of_stop_the_needle_comes_out_over_ros() {
@@ -33,7 +33,8 @@ fn after_every_kind_of_stop_the_needle_comes_out_over_ros() {
         let machine = Machine::Laboratory(arm.recv().unwrap());
         let link = Link::new(&config).unwrap().unwrap();
         let rig = Rig::build(&config, Some(&link)).unwrap();
-        stop_and_withdraw(kind, &config, rig, &machine);
+        let log = stop_and_withdraw(kind, &config, rig, &machine);
+        forget(&log);
         link.node.shutdown();
         controls.interrupt();
         laboratory.join().unwrap();
