@@ -420,3 +420,22 @@ fn needles_in_all_photographs() {
         }
     }
 }
+
+#[test]
+fn needles_in_some_photographs_are_found_with_their_tips() {
+    let Some(folder) = folder() else { return };
+    let sequences = sequences(&folder, 3, 14);
+    for (name, second, film) in [
+        ("turned, frame by frame", Second::Turned, false),
+        ("parallel, films", Second::Parallel, true),
+    ] {
+        let figures = measure(name, &sequences, second, film);
+        let share = figures.found as f64 / figures.frames as f64;
+        assert!(share >= 0.97, "{name}: {share} found");
+        assert_eq!((figures.false_finds, figures.found_in_empty), (0, 0));
+        let median = quantile(&mut figures.shaft.clone(), 0.5);
+        assert!(median <= 0.15, "{name}: shaft {median} mm");
+        let within = figures.tip.iter().filter(|e| **e <= 1.5).count();
+        assert!(10 * within >= 9 * figures.found, "{name}: {within} tips");
+    }
+}

@@ -234,10 +234,10 @@ fn a_needle_of_any_width_blur_and_polarity_is_found_with_axes_at_any_angle() {
         all.extend(errors);
     }
     all.sort_by(f64::total_cmp);
-    // Wanted are 99 and 0.05 mm; measured 98 and 0.11 mm.
-    assert!(found >= 98, "{found} of 100");
+    // Wanted are 99 and 0.05 mm; measured 99 and 0.10 mm.
+    assert!(found >= 99, "{found} of 100");
     let median = all[all.len() / 2];
-    assert!(median <= 0.13, "{median} mm");
+    assert!(median <= 0.12, "{median} mm");
 }
 
 #[test]

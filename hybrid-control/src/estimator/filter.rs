@@ -126,11 +126,38 @@ impl Filter {
     }
 }
 
+/// Noise of the direction in one image of a shaft that is seen well \[rad\].
+const IMAGE_NOISE: f64 = 0.017;
+/// How long errors beyond it last \[s\].
+const LASTS: f64 = 1.5;
+
+/// Standard deviation with which a direction counts that is one of many: what is beyond the noise
+/// of an image lasts as long as so short a shaft is seen, and is not averaged away.
+pub(crate) fn alone(sigma: f64, elapsed: f64) -> f64 {
+    let lasting = (sigma * sigma - IMAGE_NOISE * IMAGE_NOISE).max(0.0).sqrt();
+    let images = (LASTS / elapsed.clamp(1e-3, LASTS)).sqrt();
+    sigma.min(IMAGE_NOISE).hypot(lasting * images)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     /// Fed with its own process, the filter finds the bevel vector once the bevel has turned.
+    #[test]
+    fn what_lasts_counts_once_while_it_lasts() {
+        let (period, images) = (1.0 / 30.0, 45);
+        let together = |sigma: f64| alone(sigma, period) / f64::from(images).sqrt();
+        // White noise is averaged.
+        let white = 0.0035;
+        assert!((together(white) - white / f64::from(images).sqrt()).abs() < 1e-12);
+        // A short shaft's error is not.
+        let short = 0.1;
+        assert!((together(short) / short - 1.0).abs() < 0.02);
+        // Nor is a single image worth less than it is.
+        assert!((alone(short, LASTS) - short).abs() < 1e-12);
+    }
+
     #[test]
     fn bevel_and_disturbance_separate_after_a_turn() {
         let s = EstimatorSettings::default();

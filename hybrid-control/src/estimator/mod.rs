@@ -228,6 +228,7 @@ impl Estimator {
             let sigma = o
                 .direction_sigma
                 .max(self.settings.direction_floor_deg.to_radians());
+            let sigma = filter::alone(sigma, elapsed);
             m.filter.measure_slope(&difference, by_position, sigma);
             // About two seconds, or as long as the noise needs to fall below 0.1 degree.
             let time = (0.033 * (o.direction_sigma / 1.7e-3).powi(2)).max(1.5);

@@ -24,6 +24,7 @@ mod silhouette;
 mod single;
 mod space;
 mod start;
+mod taper;
 mod tip;
 mod turn;
 
@@ -166,6 +167,10 @@ impl StereoTracker {
         } else {
             Err(Loss::NotFound)
         };
+        if outcome.is_ok() && self.images.iter().any(ImageTracker::leapt) {
+            // A curve that was drawn out so far is a guess; where a search fails it stays.
+            let _ = self.far(images, context);
+        }
         let outcome = outcome.or_else(|loss| {
             shows = frames::shows(pair);
             let gone = !known || self.give_up();

@@ -14,6 +14,8 @@ use super::space::Curve3;
 /// Least share of what the surroundings allow by which a needle stands out: grid lines and tracks of
 /// earlier insertions have 0.1.
 const FAINT: f64 = 0.13;
+/// The same of a bright needle: reflections on glass and plastic have 0.18.
+const FAINT_BRIGHT: f64 = 0.19;
 /// Share of the best pair's evidence from which on another may be the needle instead.
 const RIVAL: f64 = 0.25;
 /// Pairs of candidates that are tried.
@@ -66,16 +68,23 @@ impl StereoTracker {
         };
         let best = pairings.first().map_or(0.0, |p| p.evidence);
         let share = |p: &Pairing| p.candidates[0].share.min(p.candidates[1].share);
+        let plain = |p: &Pairing| {
+            let least = if p.candidates[0].bright {
+                FAINT_BRIGHT
+            } else {
+                FAINT
+            };
+            share(p) >= least
+        };
         if let (None, Some(first)) = (before, pairings.first())
-            && share(first) < FAINT
+            && !plain(first)
         {
             return Err(Loss::Faint {
                 share: share(first),
             });
         }
         let goes_on = |pairing: &&Pairing| {
-            let plain = before.is_some() || share(pairing) >= FAINT;
-            plain
+            (before.is_some() || plain(pairing))
                 && pairing.evidence > RIVAL * best
                 && before.is_none_or(|before| continues(before, pairing))
         };

@@ -103,8 +103,8 @@ pub(super) fn cross(
         return None;
     }
     let level = 0.5 * top;
-    let right = crossing(darkness, middle + inner, 1, level)?;
-    let left = crossing(darkness, middle - inner, -1, level)?;
+    let right = crossing(darkness, middle, inner, 1, level)?;
+    let left = crossing(darkness, middle, inner, -1, level)?;
     let width = right.at - left.at;
     if (width - expected.width).abs() > 0.35 * expected.width + 0.6 {
         return None;
@@ -166,21 +166,29 @@ struct Crossing {
     slope: f32,
 }
 
-/// Where the darkness falls below `level`, going from `start` in the sense of `step`.
-fn crossing(darkness: &[f32], start: f64, step: isize, level: f32) -> Option<Crossing> {
-    let nearest = start + 0.5;
-    if nearest < 0.0 {
-        return None;
+/// Where the darkness falls below `level`, going outwards from `inner` beside the `middle` in the
+/// sense of `step`; from nearer to it where the needle is narrower there.
+fn crossing(
+    darkness: &[f32],
+    middle: f64,
+    inner: f64,
+    step: isize,
+    level: f32,
+) -> Option<Crossing> {
+    let index = |place: f64| (place >= 0.0).then_some(place as usize);
+    let centre = index(middle + 0.5)?;
+    let mut k = index(middle + inner * step as f64 + 0.5)?;
+    while *darkness.get(k)? < level {
+        if k == centre {
+            // No needle of this width here.
+            return None;
+        }
+        k = k.checked_add_signed(-step)?;
     }
-    let mut k = nearest as usize;
     loop {
         let next = k.checked_add_signed(step)?;
         let (here, there) = (*darkness.get(k)?, *darkness.get(next)?);
         if there < level {
-            if here < level {
-                // Began outside the dark part: no needle of this width here.
-                return None;
-            }
             let slope = here - there;
             return Some(Crossing {
                 at: k as f64 + step as f64 * f64::from((here - level) / slope),

@@ -99,6 +99,8 @@ pub struct ImageTracker {
     tapers: bool,
     /// Misfit of the newest tip's silhouette.
     misfit: f64,
+    /// Whether the newest tip was farther from the prediction than one looks for it.
+    leapt: bool,
     hints: Hints,
 }
 
@@ -133,6 +135,7 @@ impl ImageTracker {
             blur: settings.blur_px * width as f64 / 640.0,
             tapers: false,
             misfit: 0.0,
+            leapt: false,
             hints: Hints::default(),
         })
     }
@@ -191,6 +194,11 @@ impl ImageTracker {
     /// Whether the tip tapers in a way that is not known.
     pub(super) const fn tapers(&self) -> bool {
         self.tapers
+    }
+
+    /// Whether the newest tip was far from the prediction: what is between was not looked at.
+    pub(super) const fn leapt(&self) -> bool {
+        self.leapt
     }
 
     /// Pixels for one pixel of an image 640 wide.
@@ -430,6 +438,7 @@ impl ImageTracker {
         self.jumped = None;
         self.leaning = fix.leaning;
         self.misfit = fix.misfit;
+        self.leapt = fix.shift.abs() > wide;
         Ok(true)
     }
 

@@ -9,17 +9,13 @@ use super::background::Background;
 use super::curve::{Curve2, normal, weights_and_slopes};
 use super::section::{beside, mass};
 use super::silhouette::{Falloff, TipView, WHOLE};
+use super::taper;
 use core::hint::black_box;
 use hal::GrayImage;
 use nalgebra::Vector2;
 
 /// Most stations along the axis.
 const STATIONS: usize = 96;
-
-/// How far behind a tip that tapers the shaft is as dark as ever, and its standard deviation, in
-/// widths.
-const TAPER: f64 = 3.0;
-const TAPERED: f64 = 0.25;
 
 /// Where the tip was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,8 +47,7 @@ pub(super) struct TipSearch {
     pub rim_px: f64,
     /// Blur of the image \[px\].
     pub blur: f64,
-    /// The tip tapers in a way that is not known: it is where the needle falls to half of what it
-    /// is.
+    /// The tip tapers in a way that is not known: see [`taper`].
     pub tapers: bool,
 }
 
@@ -75,13 +70,7 @@ fn run(
     let tangent = curve.derivative(1.0) / speed;
     let tip = curve.tip();
     let across = (0.5 * search.width + 1.5).round();
-    // Of the shaft before it tapers enough must be seen to know its darkness.
-    let taper = if search.tapers {
-        TAPER * search.width
-    } else {
-        0.0
-    };
-    let behind = behind(search.reach + taper, curve).floor();
+    let behind = behind(search.reach, curve).floor();
     let ahead = (search.reach + search.bevel_px + 3.0 * search.blur + 2.0).ceil();
     let count = ((behind + ahead) as usize + 1).min(STATIONS);
     let mut run = Run {
@@ -128,10 +117,10 @@ pub(super) fn find(
     curve: &Curve2,
     search: &TipSearch,
 ) -> Option<TipFix> {
-    let run = run(image, background, curve, search)?;
     if search.tapers {
-        return run.half(search);
+        return taper::find(image, background, curve, search.width, search.reach);
     }
+    let run = run(image, background, curve, search)?;
     let fit = |side: f64| fit(&run, search, side.abs());
     let fix = match search.side {
         Some(side) => fit(side),
@@ -148,39 +137,6 @@ pub(super) fn find(
 }
 
 impl Run {
-    /// Where the needle falls to half of its darkness for good.
-    fn half(&self, search: &TipSearch) -> Option<TipFix> {
-        let masses = self.masses.get(..self.count)?;
-        // The shaft behind the taper: the first third of what is seen.
-        let mut shaft = [0.0; STATIONS];
-        let shaft = shaft.get_mut(..(self.count / 3).max(4))?;
-        shaft.copy_from_slice(masses.get(..shaft.len())?);
-        shaft.sort_unstable_by(f64::total_cmp);
-        let dark = *shaft.get(shaft.len() / 2)?;
-        if dark < 0.1 * search.width {
-            return None;
-        }
-        let smooth = |k: usize| {
-            let near = masses.get(k.saturating_sub(1)..(k + 2).min(self.count));
-            near.map_or(0.0, |near| {
-                near.iter().sum::<f64>() / near.len().max(1) as f64
-            })
-        };
-        let last = (0..self.count).rev().find(|k| smooth(*k) >= 0.5 * dark)?;
-        if last + 3 >= self.count {
-            return None;
-        }
-        let (here, next) = (smooth(last), smooth(last + 1));
-        let shift = self.start + last as f64 + (here - 0.5 * dark) / (here - next).max(1e-9);
-        Some(TipFix {
-            shift,
-            sigma: TAPERED * search.width,
-            misfit: 0.0,
-            side: 1.0,
-            leaning: None,
-        })
-    }
-
     /// See [`TipFix::leaning`]; O is `shift` ahead of the curve's end.
     fn leaning(&self, shift: f64, search: &TipSearch) -> Option<f64> {
         /// Where the shaft just behind O is measured \[px\].

@@ -102,10 +102,12 @@ impl ImageTracker {
         self.tapers = false;
         self.shaft(image, &mut filter, look, 1.0)?;
         filter.free_tip(self.settings.search_px * self.scale);
+        let shaft = filter.clone();
         let mut found = self.tip(image, &mut filter, look);
         let flat = found.is_ok() && self.misfit < FLAT;
         if !flat && seen.is_some() && look.bevel_px < 1.0 {
             // No flat end: a bevel of unknown length, or one that light and blur wash out.
+            filter = shaft;
             self.tapers = true;
             self.jumped = None;
             found = self.tip(image, &mut filter, look);
@@ -236,30 +238,34 @@ impl ImageTracker {
         let patience = (8.0 * self.scale) as u32;
         // A little before the line, too: a model may have the needle too short.
         let mut t = -6.0 * self.scale * step;
-        let first = loop {
-            if t > 1.0 {
-                return None;
-            }
-            if seen(t) && seen(t + 2.0 * step) && seen(t + 4.0 * step) {
-                break t;
-            }
-            t += step;
-        };
         let most = 1.0 + 40.0 * self.scale * step;
-        let (mut last, mut missed, mut run) = (first, 0, 0);
-        // Within the line more may be hidden, by a bar or a bubble; but a stretch must follow.
-        while t < most && missed < if t < 1.0 { 4 * patience } else { patience } {
-            t += step;
-            if seen(t) {
-                run += 1;
-                if missed < patience || run >= patience {
-                    (last, missed) = (t, 0);
+        // Of what is seen of it the longest: where needle and surface cross it may be seen, too.
+        let mut longest: Option<(f64, f64)> = None;
+        while t <= 1.0 {
+            if !(seen(t) && seen(t + 2.0 * step) && seen(t + 4.0 * step)) {
+                t += step;
+                continue;
+            }
+            let first = t;
+            let (mut last, mut missed, mut run) = (first, 0, 0);
+            // Within the line more may be hidden, by a bar or a bubble; but a stretch must follow.
+            while t < most && missed < if t < 1.0 { 4 * patience } else { patience } {
+                t += step;
+                if seen(t) {
+                    run += 1;
+                    if missed < patience || run >= patience {
+                        (last, missed) = (t, 0);
+                    }
+                } else {
+                    run = 0;
+                    missed += 1;
                 }
-            } else {
-                run = 0;
-                missed += 1;
+            }
+            if longest.is_none_or(|(from, to)| last - first > to - from) {
+                longest = Some((first, last));
             }
         }
+        let (first, last) = longest?;
         let count = self.points;
         let mut points = [Vector2::zeros(); MOST];
         for (i, point) in points.iter_mut().enumerate().take(count) {
