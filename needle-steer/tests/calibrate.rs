@@ -46,10 +46,20 @@ fn pixel(p: &Point3<f64>, side: usize) -> [f64; 2] {
 }
 
 /// A photograph (PGM) of a board of 9 x 6 inner corners.
-fn photograph(
+fn photograph(left_from_board: &Isometry3<f64>, side: usize, size: (usize, usize)) -> Vec<u8> {
+    photograph_of(left_from_board, side, size, |x, y| {
+        let (column, row) = ((x / SQUARE_M + 1.0).floor(), (y / SQUARE_M + 1.0).floor());
+        let inside = (0.0..10.0).contains(&column) && (0.0..7.0).contains(&row);
+        inside && (column + row).rem_euclid(2.0) < 1.0
+    })
+}
+
+/// A photograph (PGM) of a plane that is dark where `dark` says so of x, y \[m\].
+fn photograph_of(
     left_from_board: &Isometry3<f64>,
     side: usize,
     (width, height): (usize, usize),
+    dark: impl Fn(f64, f64) -> bool,
 ) -> Vec<u8> {
     let board_from_left = left_from_board.inverse();
     let eye = board_from_left * Point3::new(if side == 0 { 0.0 } else { BASELINE_M }, 0.0, 0.0);
@@ -57,16 +67,7 @@ fn photograph(
         let ray = Vector3::new((u - 319.5) / FOCAL_PX, (v - 239.5) / FOCAL_PX, 1.0);
         let ray = board_from_left.rotation * ray;
         let at = eye + ray * (-eye.z / ray.z);
-        let (column, row) = (
-            (at.x / SQUARE_M + 1.0).floor(),
-            (at.y / SQUARE_M + 1.0).floor(),
-        );
-        let inside = (0.0..10.0).contains(&column) && (0.0..7.0).contains(&row);
-        if inside && (column + row).rem_euclid(2.0) < 1.0 {
-            30.0
-        } else {
-            220.0
-        }
+        if dark(at.x, at.y) { 30.0 } else { 220.0 }
     };
     let mut file = format!("P5\n{width} {height}\n255\n").into_bytes();
     for row in 0..height {
@@ -237,6 +238,70 @@ fn stereo_finds_made_up_cameras_and_refuses_by_name() {
     );
 }
 
+#[test]
+fn circles_calibrate_cameras_and_boards_are_named_by_kind() {
+    const STEP_M: f64 = 0.015;
+    let at = folder("made_up_circles");
+    let disc = |x: f64, y: f64| {
+        (0..9).any(|row| {
+            let far = |col: i32| {
+                let centre = f64::from(2 * col + row % 2) * STEP_M;
+                (x - centre).hypot(y - f64::from(row) * STEP_M)
+            };
+            (0..4).any(|col| far(col) < 0.5 * STEP_M)
+        })
+    };
+    let mut images: [Vec<String>; 2] = [vec![], vec![]];
+    for (k, board) in boards().iter().take(5).enumerate() {
+        for side in 0..2 {
+            let path = at.join(format!("{}{k}.pgm", ["left", "right"][side]));
+            let picture = photograph_of(board, side, (WIDTH, HEIGHT), disc);
+            std::fs::write(&path, picture).unwrap();
+            images[side].push(path.to_str().unwrap().to_owned());
+        }
+    }
+    let out = at.join("out");
+    let run = |command: &str, board: &str| {
+        let mut arguments = vec![command, "--board", board, "--json"];
+        if command != "corners" {
+            arguments.extend(["--square-mm", "15", "--out", out.to_str().unwrap()]);
+        }
+        let side = |k: usize| images[k].iter().map(String::as_str);
+        if command == "stereo" {
+            arguments.push("--left");
+            arguments.extend(side(0));
+            arguments.push("--right");
+            arguments.extend(side(1));
+        } else {
+            arguments.extend(side(0));
+        }
+        calibrate(&arguments)
+    };
+    let json = |done: &Output| -> Value {
+        assert!(
+            done.status.success(),
+            "{}",
+            String::from_utf8_lossy(&done.stderr)
+        );
+        serde_json::from_slice(&done.stdout).unwrap()
+    };
+    let found = json(&run("stereo", "circles:4x9"));
+    let focal = found["left"]["camera_matrix"][0][0].as_f64().unwrap();
+    assert!((focal / FOCAL_PX - 1.0).abs() < 3e-3, "{focal}");
+    let baseline = found["right_from_left"][0][3].as_f64().unwrap();
+    assert!((baseline + BASELINE_M).abs() < 0.3e-3, "{baseline}");
+    let found = json(&run("mono", "circles:4x9"));
+    let focal = found["camera"]["camera_matrix"][0][0].as_f64().unwrap();
+    assert!((focal / FOCAL_PX - 1.0).abs() < 3e-3, "{focal}");
+    let found = json(&run("corners", "circles:4x9"));
+    assert_eq!(found[0]["corners_px"].as_array().unwrap().len(), 36);
+    refused(&run("corners", "circles:4x11"), "44 circles");
+    refused(&run("corners", "9x6"), "no chessboard");
+    refused(&run("stereo", "charuco:7x5:DICT_4X4_50"), "markers");
+    refused(&run("mono", "charuco:7x5:ARUCO"), "DICT_4X4_50");
+    refused(&run("corners", "dots:4x9"), "circles:4x11");
+}
+
 /// A pinhole rig as OpenCV's FileStorage has it, with the left camera's focal length.
 fn stereo_yml(focal_px: f64) -> String {
     let matrix = |key: &str, rows: usize, cols: usize, data: &[f64]| {
@@ -346,6 +411,14 @@ fn two_files_in_millimetres(path: &dyn Fn(&str) -> String, out: &str, found: &Va
         .unwrap()
         .rig;
     assert!((rig.baseline() - BASELINE_M).abs() < 1e-12);
+    // Cameras that look from the side with their baseline along the needle see no depth.
+    let mut along = found.clone();
+    along["world_from_left_camera"] =
+        json!([[0, 0, -1, 0.8], [0, 1, 0, 0], [1, 0, 0, 0.25], [0, 0, 0, 1]]);
+    config.cameras.registration = path("along.json");
+    std::fs::write(path("along.json"), along.to_string()).unwrap();
+    let error = needle_steer::rig::Rig::new(&config).err().unwrap();
+    assert!(error.to_string().contains("in one plane"), "{error}");
 }
 
 #[test]

@@ -11,7 +11,8 @@ use nalgebra::{
 use needle_steer::cameras::calibrated;
 use phantom::camera as truth;
 use vision::calibrate::{
-    Board, BoardPair, RejectReason, Rejected, StereoCalibration, StereoOptions, calibrate_stereo,
+    Board, BoardPair, Layout, RejectReason, Rejected, StereoCalibration, StereoOptions,
+    calibrate_stereo,
 };
 use vision::camera::{DistortedPx, triangulate};
 use vision::detect::{BoardSize, RefineOptions, detect_board};
@@ -97,7 +98,11 @@ fn trial(seed: u64) -> Trial {
     let views = 20;
     let boards = truth::calibration_boards(&parameters, views, seed);
     let square = boards[0].square;
-    let board = Board { size: SIZE, square };
+    let board = Board {
+        size: SIZE,
+        square,
+        layout: Layout::Square,
+    };
     let (pairs, rejected) = photographed(&mut rig, &boards);
     let pairs: Vec<BoardPair> = pairs.into_iter().map(|p| p.1).collect();
     let size = (parameters.width_px, parameters.height_px);

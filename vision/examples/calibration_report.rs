@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use vision::calibrate::{Board, BoardPair, StereoOptions, calibrate_stereo};
+use vision::calibrate::{Board, BoardPair, Layout, StereoOptions, calibrate_stereo};
 use vision::detect::{BoardSize, RefineOptions, detect_board};
 use vision::files::{read_image, write_all};
 use vision::report::calibration_report;
@@ -16,6 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let board = Board {
         size: BoardSize { cols: 9, rows: 6 },
         square: 0.025,
+        layout: Layout::Square,
     };
     let mut pairs = Vec::new();
     for k in 1..=99 {

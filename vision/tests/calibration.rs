@@ -5,12 +5,15 @@
 mod reference;
 
 use nalgebra::Matrix3;
-use vision::calibrate::{Board, BoardPair, StereoCalibration, StereoOptions, calibrate_stereo};
+use vision::calibrate::{
+    Board, BoardPair, Layout, StereoCalibration, StereoOptions, calibrate_stereo,
+};
 use vision::detect::{BoardSize, RefineOptions, detect_board};
 
 const BOARD: Board = Board {
     size: BoardSize { cols: 9, rows: 6 },
     square: 0.025,
+    layout: Layout::Square,
 };
 
 fn pairs(corners: impl Fn(&str) -> Vec<nalgebra::Point2<f64>>) -> Vec<BoardPair> {

@@ -9,10 +9,10 @@ use clap::Args;
 use serde::Serialize;
 use vision::calibrate::{Board, BoardView, StereoOptions, calibrate_mono};
 use vision::camera::LensModel;
-use vision::detect::{RefineOptions, detect_board};
+use vision::detect::RefineOptions;
 use vision::files::{camera_info_of, read_image, read_images, write_all};
 
-use super::calibrate::{CameraOutput, board_size, camera_output, name, square};
+use super::calibrate::{CameraOutput, board_kind, camera_output, name, square};
 use super::{Usage, print_json};
 
 /// Names of the lens models.
@@ -33,7 +33,7 @@ pub(super) struct CornersArgs {
     /// Images of the board.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Inner corners of the board: COLUMNSxROWS.
+    /// The board: 9x6 (inner corners of a chessboard), charuco:7x5:DICT_4X4_50, circles:4x11.
     #[arg(long)]
     board: String,
     /// Print the corners as JSON; else as a table.
@@ -47,20 +47,20 @@ struct ImageCorners {
     file: PathBuf,
     width_px: usize,
     height_px: usize,
-    corners_px: Option<Vec<[f64; 2]>>,
+    corners_px: Option<Vec<Option<[f64; 2]>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     problem: Option<String>,
 }
 
 pub(super) fn corners(args: &CornersArgs) -> anyhow::Result<ExitCode> {
-    let size = board_size(&args.board)?;
+    let kind = board_kind(&args.board)?;
     let mut images = Vec::with_capacity(args.files.len());
     for file in &args.files {
         let image = read_image(file).map_err(|e| Usage(e.to_string()))?;
-        let found = detect_board(&image, size, &RefineOptions::default());
+        let found = kind.detect(&image, &RefineOptions::default());
         let (corners_px, problem) = match found {
             Ok(board) => {
-                let corners = board.corners.iter().map(|p| [p.x, p.y]);
+                let corners = board.into_iter().map(|p| p.map(|p| [p.x, p.y]));
                 (Some(corners.collect()), None)
             }
             Err(e) => (None, Some(e.to_string())),
@@ -95,9 +95,13 @@ pub(super) fn corners(args: &CornersArgs) -> anyhow::Result<ExitCode> {
         let file = image.file.display();
         match (&image.corners_px, &image.problem) {
             (Some(corners), _) => {
-                writeln!(stdout, "{file}: {} corners", corners.len())?;
-                for [x, y] in corners {
-                    writeln!(stdout, "  {x:.3} {y:.3}")?;
+                let seen = corners.iter().flatten().count();
+                writeln!(stdout, "{file}: {seen} of {} corners", corners.len())?;
+                for corner in corners {
+                    match corner {
+                        Some([x, y]) => writeln!(stdout, "  {x:.3} {y:.3}")?,
+                        None => writeln!(stdout, "  -")?,
+                    }
                 }
             }
             (None, problem) => writeln!(stdout, "{file}: {}", problem.as_deref().unwrap_or(""))?,
@@ -111,10 +115,11 @@ pub(super) struct MonoArgs {
     /// Images of the camera.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Inner corners of the board: COLUMNSxROWS.
+    /// The board: 9x6 (inner corners of a chessboard), charuco:7x5:DICT_4X4_50 (squares, OpenCV's
+    /// dictionary; parts of it count), circles:4x11 (asymmetric grid).
     #[arg(long)]
     board: String,
-    /// Side of a square \[mm\].
+    /// Side of a square, of circles the distance of two rows \[mm\].
     #[arg(long)]
     square_mm: f64,
     /// Model of the lens.
@@ -145,20 +150,15 @@ struct ViewOutput<'a> {
 }
 
 pub(super) fn mono(args: &MonoArgs) -> anyhow::Result<ExitCode> {
-    let board = Board {
-        size: board_size(&args.board)?,
-        square: square(args.square_mm)?,
-    };
+    let kind = board_kind(&args.board)?;
+    let board = Board::new(&kind, square(args.square_mm)?);
     let images = read_images(&args.files).map_err(|e| Usage(e.to_string()))?;
     let size = images.first().map_or((0, 0), |i| (i.width(), i.height()));
     let (mut views, mut rejected) = (Vec::new(), Vec::new());
     for (k, image) in images.iter().enumerate() {
         let name = name(args.files.get(k));
-        match detect_board(image, board.size, &RefineOptions::default()) {
-            Ok(found) => views.push(BoardView {
-                name,
-                corners: found.corners.into_iter().map(Some).collect(),
-            }),
+        match kind.detect(image, &RefineOptions::default()) {
+            Ok(corners) => views.push(BoardView { name, corners }),
             Err(e) => rejected.push(format!("{name}: {e}")),
         }
     }

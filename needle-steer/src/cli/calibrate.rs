@@ -14,7 +14,7 @@ use vision::calibrate::{
     rectify,
 };
 use vision::camera::Camera;
-use vision::detect::{BoardSize, RefineOptions, detect_board};
+use vision::detect::{BoardKind, RefineOptions};
 use vision::files::{StereoFile, camchain, camera_info, read_images, stereo_yml, write_all};
 use vision::register::{RegistrationFile, read_poses, register};
 use vision::report::calibration_report;
@@ -25,11 +25,11 @@ use super::{Usage, boards, calibration, print_json};
 /// Camera calibration and registration.
 #[derive(Debug, Subcommand)]
 pub(super) enum CalibrateCommand {
-    /// Stereo calibration from photographs of a chessboard.
+    /// Stereo calibration from photographs of a board.
     Stereo(StereoArgs),
-    /// Calibration of one camera from photographs of a chessboard.
+    /// Calibration of one camera from photographs of a board.
     Mono(boards::MonoArgs),
-    /// Corner pixels of a chessboard in photographs, as `register` wants them.
+    /// Corner pixels of a board in photographs, as `register` wants them.
     Corners(boards::CornersArgs),
     /// Registration of the cameras to the arm from recorded poses.
     Register(RegisterArgs),
@@ -43,10 +43,11 @@ pub(super) struct StereoArgs {
     /// Images of the right camera, in the same order.
     #[arg(long, required = true, num_args = 1..)]
     right: Vec<PathBuf>,
-    /// Inner corners of the board: COLUMNSxROWS.
+    /// The board: 9x6 (inner corners of a chessboard), charuco:7x5:DICT_4X4_50 (squares, OpenCV's
+    /// dictionary; parts of it count), circles:4x11 (asymmetric grid).
     #[arg(long)]
     board: String,
-    /// Side of a square \[mm\].
+    /// Side of a square, of circles the distance of two rows \[mm\].
     #[arg(long)]
     square_mm: f64,
     /// Folder for `report.html`, `left.yaml`, `right.yaml`, `stereo.yml`, and `camchain.yaml`
@@ -104,16 +105,14 @@ struct StereoOutput<'a> {
     left: CameraOutput,
     right: CameraOutput,
     right_from_left: [[f64; 4]; 4],
-    corners_px: BTreeMap<&'a str, Vec<[f64; 2]>>,
+    corners_px: BTreeMap<&'a str, Vec<Option<[f64; 2]>>>,
     rejected: Vec<String>,
     sigma: Vec<f64>,
 }
 
 fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
-    let board = Board {
-        size: board_size(&args.board)?,
-        square: square(args.square_mm)?,
-    };
+    let kind = board_kind(&args.board)?;
+    let board = Board::new(&kind, square(args.square_mm)?);
     if args.left.len() != args.right.len() {
         return Err(Usage(format!(
             "--left names {} images, --right {}: every pair needs both",
@@ -131,7 +130,7 @@ fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     let (mut pairs, mut rejected) = (Vec::new(), Vec::new());
     for (k, (left_image, right_image)) in left.iter().zip(&right).enumerate() {
         let names = [&args.left, &args.right].map(|list| name(list.get(k)));
-        match corners([left_image, right_image], board.size, &names) {
+        match corners([left_image, right_image], &kind, &names) {
             Ok([left, right]) => {
                 let [left_name, right_name] = names;
                 pairs.push(BoardPair {
@@ -166,18 +165,8 @@ fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-pub(super) fn board_size(text: &str) -> Result<BoardSize, Usage> {
-    let parsed = text.split_once(['x', 'X']).and_then(|(cols, rows)| {
-        Some(BoardSize {
-            cols: cols.trim().parse().ok()?,
-            rows: rows.trim().parse().ok()?,
-        })
-    });
-    parsed.ok_or_else(|| {
-        Usage(format!(
-            "--board {text}: expected COLUMNSxROWS, for instance 9x6"
-        ))
-    })
+pub(super) fn board_kind(text: &str) -> Result<BoardKind, Usage> {
+    text.parse().map_err(|e| Usage(format!("--board {e}")))
 }
 
 pub(super) fn square(square_mm: f64) -> Result<f64, Usage> {
@@ -195,18 +184,22 @@ pub(super) fn name(path: Option<&PathBuf>) -> String {
         .map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }
 
+/// A corner that an image does not show.
+const MISSING: Point2<f64> = Point2::new(f64::NAN, f64::NAN);
+
 /// Corners of the board in both images, or which image has none and why.
 fn corners(
     images: [&GrayImage; 2],
-    size: BoardSize,
+    kind: &BoardKind,
     names: &[String; 2],
 ) -> Result<[Vec<Point2<f64>>; 2], RejectReason> {
     let find = |side: usize| {
         images
             .get(side)
-            .map(|image| detect_board(image, size, &RefineOptions::default()))
+            .map(|image| kind.detect(image, &RefineOptions::default()))
             .transpose()
-            .map(|board| board.map_or_else(Vec::new, |board| board.corners))
+            .map(|found| found.into_iter().flatten())
+            .map(|found| found.map(|p| p.unwrap_or(MISSING)).collect())
             .map_err(|e| RejectReason::NoBoard {
                 image: names.get(side).cloned().unwrap_or_default(),
                 why: e.to_string(),
@@ -235,6 +228,11 @@ fn write_calibration(out: &Path, calibration: &StereoCalibration) -> anyhow::Res
     Ok(())
 }
 
+/// A corner; `None` where it is missing.
+fn place(corner: &Point2<f64>) -> Option<[f64; 2]> {
+    corner.x.is_finite().then_some([corner.x, corner.y])
+}
+
 fn output(c: &StereoCalibration) -> StereoOutput<'_> {
     let mut corners_px = BTreeMap::new();
     for view in &c.views {
@@ -242,7 +240,7 @@ fn output(c: &StereoCalibration) -> StereoOutput<'_> {
             .into_iter()
             .zip(&view.corners)
         {
-            corners_px.insert(name.as_str(), corners.iter().map(|p| [p.x, p.y]).collect());
+            corners_px.insert(name.as_str(), corners.iter().map(place).collect());
         }
     }
     StereoOutput {

@@ -16,6 +16,7 @@ use hal::frame::{LeftCamera, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::telemetry::Limit;
 use hal::{Arm, ArmMode, Clock, Recorded, Transform};
+use nalgebra::Vector3;
 use phantom::SettingsError;
 use phantom::camera::{CameraSettings, RigError, StereoRig};
 use robots::sim::{SimError, SimulatedArm};
@@ -91,6 +92,17 @@ pub enum RigBuildError {
     /// The cameras' settings.
     #[error("cameras: {0}")]
     Cameras(#[from] RigError),
+    /// The cameras cannot tell how far away the needle is.
+    #[error(
+        "the needle's axis and both cameras lie in one plane, but for {opening_deg:.1} degrees (at least \
+         {:.1}): no pair of images says how far away it is; turn the pair of cameras about its view, \
+         so that the needle runs across the line that joins them",
+        cameras::LEAST_OPENING.to_degrees()
+    )]
+    NeedleAlongBaseline {
+        /// Angle between the planes through the needle \[deg\].
+        opening_deg: f64,
+    },
     /// Calibration or registration of the cameras.
     #[error("cameras: {0}")]
     Calibration(#[from] vision::files::FileError),
@@ -267,6 +279,16 @@ impl Rig {
             },
             |measured| (measured.rig, measured.world_from_left_camera),
         );
+        if images {
+            let entry = config.world_from_entry();
+            let (point, axis) = (entry.translation.vector.into(), entry * Vector3::z());
+            let opening = cameras::opening(&calibrated, &world_from_left_camera, &point, &axis);
+            if opening < cameras::LEAST_OPENING {
+                return Err(RigBuildError::NeedleAlongBaseline {
+                    opening_deg: opening.to_degrees(),
+                });
+            }
+        }
         let devices = devices(Place {
             chain: chain.clone(),
             world_from_arm_base,

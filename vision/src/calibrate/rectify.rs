@@ -8,6 +8,7 @@
 use nalgebra::{Point2, Rotation3, Vector2, Vector3};
 
 use super::BoardPair;
+use super::stereo::seen;
 use crate::camera::{Camera, DistortedPx, StereoRig};
 
 /// A pair of rectifying rotations and the cameras of the rectified images.
@@ -137,7 +138,8 @@ pub fn rectified_dy<'a>(
         return result;
     };
     let (mut sum, mut max, mut count) = (0.0, 0.0_f64, 0.0);
-    for (a, b) in pairs.flat_map(|p| p.left.iter().zip(&p.right)) {
+    let both = pairs.flat_map(|p| p.left.iter().zip(&p.right));
+    for (a, b) in both.filter(|(a, b)| seen(a) && seen(b)) {
         let left = rectified(&rig.left, &r.left, a.x, a.y);
         let right = rectified(&rig.right, &r.right, b.x, b.y);
         let (Some(left), Some(right)) = (left, right) else {

@@ -114,7 +114,7 @@ pub enum BoardNotFound {
 const FALSE_PX: f64 = 0.75;
 /// Width of the images for which the windows of [`RefineOptions`] are meant \[px\]; wider ones show
 /// the same edges over more pixels.
-const WINDOW_WIDTH: f64 = 640.0;
+pub(super) const WINDOW_WIDTH: f64 = 640.0;
 
 /// Finds, refines and checks a board.
 ///

@@ -1,6 +1,6 @@
-//! Detection of a chessboard of known size.
+//! Detection of boards of known kind and size: chessboards, `ChArUco` boards, grids of circles.
 //!
-//! A board counts only whole: exactly its corners, labelled without contradiction, and where a
+//! A chessboard counts only whole: exactly its corners, labelled without contradiction, and where a
 //! lens would image them. Anything less is a named error, never a board with fewer corners.
 
 mod board;
@@ -9,6 +9,7 @@ mod circles;
 mod complete;
 mod find;
 mod grid;
+mod kind;
 mod pattern;
 mod refine;
 mod regular;
@@ -20,6 +21,7 @@ pub use board::{BoardCorners, BoardNotFound, detect_board, refine_board};
 pub use charuco::{CharucoBoard, Dictionary, UnknownDictionary, detect_charuco};
 pub use circles::detect_circles;
 pub use find::find_board;
+pub use kind::{BoardKind, UnknownBoard};
 pub use refine::{RefineOptions, refine_corner};
 pub use regular::{Irregular, irregular_corner};
 

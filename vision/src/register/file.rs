@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Matrix3, Matrix4, Point2, Point3, Rotation3, UnitQuate
 use serde::{Deserialize, Serialize};
 
 use super::{RecordedPose, Registration, RegistrationOptions, Target};
-use crate::calibrate::Board;
+use crate::calibrate::{Board, Layout};
 use crate::detect::BoardSize;
 use crate::files::FileError;
 
@@ -108,6 +108,7 @@ pub fn read_poses(
         } => Target::Board(Board {
             size: BoardSize { cols, rows },
             square: square_mm * 1e-3,
+            layout: Layout::Square,
         }),
     };
     let defaults = RegistrationOptions::default();

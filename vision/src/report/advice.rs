@@ -103,7 +103,7 @@ fn coverage(c: &StereoCalibration, side: usize) -> f64 {
     let camera = [c.rig.left, c.rig.right][side];
     let mut seen = [false; GRID.0 * GRID.1];
     for v in &c.views {
-        for p in &v.corners[side] {
+        for p in v.corners[side].iter().filter(|p| p.x.is_finite()) {
             let cell = |x: f64, size: usize, n: usize| {
                 #[expect(
                     clippy::cast_possible_truncation,

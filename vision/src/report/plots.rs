@@ -90,6 +90,7 @@ pub(super) fn coverage(c: &StereoCalibration, side: usize) -> Result<String, Rep
         .views
         .iter()
         .flat_map(|v| &v.corners[side])
+        .filter(|p| p.x.is_finite())
         .map(|p| (p.x, p.y))
         .collect();
     Scatter {
@@ -107,7 +108,8 @@ pub(super) fn epipolar(c: &StereoCalibration) -> Result<String, ReportError> {
     let mut points = Vec::new();
     if let Some(r) = rectify(&c.rig) {
         for v in &c.views {
-            for (a, b) in v.corners[0].iter().zip(&v.corners[1]) {
+            let both = v.corners[0].iter().zip(&v.corners[1]);
+            for (a, b) in both.filter(|(a, b)| a.x.is_finite() && b.x.is_finite()) {
                 let left = r.map(&c.rig, 0, DistortedPx(*a));
                 let right = r.map(&c.rig, 1, DistortedPx(*b));
                 if let (Some(left), Some(right)) = (left, right) {

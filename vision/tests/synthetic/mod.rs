@@ -11,13 +11,14 @@ use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use vision::calibrate::{Board, BoardPair};
+use vision::calibrate::{Board, BoardPair, Layout};
 use vision::camera::{Camera, Distortion, StereoRig};
 use vision::detect::BoardSize;
 
 pub(crate) const BOARD: Board = Board {
     size: BoardSize { cols: 9, rows: 6 },
     square: 0.025,
+    layout: Layout::Square,
 };
 
 /// Like the photographs' rig.
@@ -124,16 +125,8 @@ pub(crate) fn render(
     sigma: f64,
     rng: &mut ChaCha8Rng,
 ) -> GrayImage {
-    let mut image = GrayImage::filled(camera.width, camera.height, 0);
-    let to_board = camera_from_board.inverse();
-    let origin = to_board * Point3::origin();
-    let grey = |x: f64, y: f64| -> f64 {
-        let d = to_board.rotation
-            * camera
-                .direction(vision::DistortedPx::new(x, y))
-                .unwrap_or_else(Vector3::z);
-        let p = origin - d * (origin.z / d.z);
-        let (u, v) = (p.x / board.square + 1.0, p.y / board.square + 1.0);
+    render_of(camera, camera_from_board, sigma, rng, |x, y| {
+        let (u, v) = (x / board.square + 1.0, y / board.square + 1.0);
         let (w, h) = (board.size.cols as f64 + 1.0, board.size.rows as f64 + 1.0);
         let within = |margin: f64| u > -margin && v > -margin && u < w + margin && v < h + margin;
         if within(0.0) && (u.floor() + v.floor()).rem_euclid(2.0) < 0.5 {
@@ -143,6 +136,27 @@ pub(crate) fn render(
         } else {
             110.0
         }
+    })
+}
+
+/// What a camera sees of a plane whose grey at x, y \[m\] is `plane`.
+pub(crate) fn render_of(
+    camera: &Camera,
+    camera_from_board: &Isometry3<f64>,
+    sigma: f64,
+    rng: &mut ChaCha8Rng,
+    plane: impl Fn(f64, f64) -> f64,
+) -> GrayImage {
+    let mut image = GrayImage::filled(camera.width, camera.height, 0);
+    let to_board = camera_from_board.inverse();
+    let origin = to_board * Point3::origin();
+    let grey = |x: f64, y: f64| -> f64 {
+        let d = to_board.rotation
+            * camera
+                .direction(vision::DistortedPx::new(x, y))
+                .unwrap_or_else(Vector3::z);
+        let p = origin - d * (origin.z / d.z);
+        plane(p.x, p.y)
     };
     for y in 0..camera.height {
         for x in 0..camera.width {

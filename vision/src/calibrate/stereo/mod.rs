@@ -17,7 +17,7 @@ use super::bundle::{Minimum, NoMinimum, minimise};
 use super::determined::{no_fit, well_posed};
 use super::monocular::{Monocular, fit};
 use super::normal::{INTRINSICS, Observed};
-use super::{Board, ImageSizes, rectified_dy};
+use super::{Board, ImageSizes, Layout, rectified_dy};
 use crate::camera::{LensModel, StereoRig};
 use crate::detect::irregular_corner;
 use joint::Joint;
@@ -29,9 +29,9 @@ pub struct BoardPair {
     pub left_name: String,
     /// What the right image is called in reports.
     pub right_name: String,
-    /// Corners in the left image, row-major \[px\].
+    /// Corners in the left image, row-major \[px\]; NaN where one is not seen.
     pub left: Vec<Point2<f64>>,
-    /// Corners in the right image, row-major \[px\].
+    /// Corners in the right image, row-major \[px\]; NaN where one is not seen.
     pub right: Vec<Point2<f64>>,
 }
 
@@ -288,7 +288,10 @@ fn checked(
                 });
             }
             // Detection has its own, tighter check; corners may come from elsewhere.
-            if let Some(false_corner) = irregular_corner(corners, size, 2.0) {
+            if board.layout == Layout::Square
+                && corners.iter().all(seen)
+                && let Some(false_corner) = irregular_corner(corners, size, 2.0)
+            {
                 rejected.push(Rejected {
                     left: pair.left_name.clone(),
                     right: pair.right_name.clone(),
@@ -309,8 +312,13 @@ fn checked(
 fn all_of(corners: &[&[Point2<f64>]]) -> Vec<Observed> {
     corners
         .iter()
-        .map(|c| c.iter().copied().map(Some).collect())
+        .map(|c| c.iter().map(|p| seen(p).then_some(*p)).collect())
         .collect()
+}
+
+/// Whether a corner of a pair is there.
+pub(super) fn seen(corner: &Point2<f64>) -> bool {
+    corner.x.is_finite() && corner.y.is_finite()
 }
 
 /// Cameras nearer to each other than this part of the boards' distance are one camera: the

@@ -53,7 +53,7 @@ pub struct ViewFit {
     pub right_name: String,
     /// The board's pose.
     pub left_from_board: Transform<LeftCamera, BoardFrame>,
-    /// Corners of the left and right image, row-major \[px\].
+    /// Corners of the left and right image, row-major \[px\]; NaN where one is not seen.
     pub corners: [Vec<nalgebra::Point2<f64>>; 2],
     /// Observed minus fitted, left and right, row-major; `None` for rejected corners \[px\].
     pub residuals: [Vec<Option<Vector2<f64>>>; 2],

@@ -2,6 +2,7 @@
 //! corners, so that a part of a board counts.
 
 mod dictionary;
+mod squares;
 
 use std::collections::BTreeMap;
 
@@ -9,9 +10,10 @@ use hal::GrayImage;
 use nalgebra::{Matrix3, Point2};
 
 pub use dictionary::{Dictionary, UnknownDictionary};
+use squares::{painted, white_squares, widened};
 
 use super::BoardSize;
-use super::board::BoardNotFound;
+use super::board::{BoardNotFound, WINDOW_WIDTH};
 use super::complete::complete;
 use super::find::{LIMIT, levels};
 use super::grid::{Cell, Grid, grids};
@@ -19,7 +21,7 @@ use super::refine::{RefineOptions, refine_corner};
 use super::response::{peaks, response};
 use super::saddle::{RADIUS, Saddle, bilinear, saddle_at};
 use super::scale::Scaled;
-use crate::homography::{homography, map};
+use crate::homography::map;
 
 /// A `ChArUco` board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,8 +40,8 @@ const AGREEING: usize = 2;
 const MAJORITY: f64 = 0.6;
 /// Corners that a part of a board needs.
 const LEAST: usize = 6;
-/// Bits of a marker's black border that may look white.
-const BORDER: f64 = 0.1;
+/// Bits of a marker's black frame that may look white.
+const FRAME: f64 = 0.1;
 /// Grey levels between a marker's black and the white around it.
 const CONTRAST: f64 = 15.0;
 
@@ -110,7 +112,7 @@ pub fn detect_charuco(
             for (corner, known) in found.corners.iter_mut().zip(before.corners) {
                 *corner = known.or(*corner);
             }
-            found.ratio = before.ratio;
+            (found.ratio, found.first_white) = (before.ratio, before.first_white);
         }
         drop_uneven(&mut found.corners, size);
         let whole = found.corners.iter().all(Option::is_some);
@@ -182,47 +184,71 @@ struct Labelled {
     corners: Vec<Option<Point2<f64>>>,
     /// The markers' side over the squares'.
     ratio: f64,
+    /// Whether the board's first square is white.
+    first_white: bool,
 }
 
 impl Labelled {
-    /// Refined in the whole image, in windows that end before the markers.
+    /// The corners as a grid, with the colours that the board has.
+    fn grid(&self, size: BoardSize) -> Grid {
+        let cell = |(k, at): (usize, &Option<Point2<f64>>)| {
+            let (col, row) = (k % size.cols, k / size.cols);
+            // The square beyond an inner corner is one further from the board's edge, both ways.
+            let dark = ((col + row) % 2 == 0) != self.first_white;
+            at.map(|at| Cell { at, dark })
+        };
+        Grid {
+            cols: size.cols,
+            rows: size.rows,
+            cells: self.corners.iter().enumerate().map(cell).collect(),
+        }
+    }
+
+    /// Refined in the whole image, the markers painted over.
     fn refined(
         &self,
         image: &GrayImage,
         size: BoardSize,
         options: &RefineOptions,
     ) -> Vec<Option<Point2<f64>>> {
-        let gap = (1.0 - self.ratio) / 2.0;
+        let wider = widened(&self.grid(size));
+        let squares = white_squares(&wider).map(|(_, to_image)| to_image);
+        let plain = painted(image, squares, self.ratio);
         let at = |k: usize| self.corners.get(k).copied().flatten();
+        let largest =
+            options.max_half_width as f64 * (image.width() as f64 / WINDOW_WIDTH).max(1.0);
         let refine = |k: usize| {
             let corner = at(k)?;
-            let col = k % size.cols;
-            let beside = [
-                (col > 0).then(|| k.wrapping_sub(1)),
-                (col + 1 < size.cols).then_some(k + 1),
-                k.checked_sub(size.cols),
-                Some(k + size.cols),
-            ];
-            let spacing = beside
-                .into_iter()
-                .flatten()
-                .filter_map(|j| Some((at(j)? - corner).norm()))
-                .fold(f64::INFINITY, f64::min);
+            let (col, row) = (k % size.cols, k / size.cols);
+            let to = |dc: isize, dr: isize| {
+                let c = col.checked_add_signed(dc).filter(|&c| c < size.cols)?;
+                let r = row.checked_add_signed(dr)?;
+                Some((at(r * size.cols + c)? - corner).norm())
+            };
+            let beside = [(1, 0), (-1, 0), (0, 1), (0, -1)].map(|(c, r)| to(c, r));
+            let spacing = beside.into_iter().flatten().fold(f64::INFINITY, f64::min);
+            // Where the border cuts most of a square beside a corner, its marker may pass for an edge.
+            let (w, h) = (image.width() as f64, image.height() as f64);
+            if corner.x.min(corner.y).min(w - corner.x).min(h - corner.y) < BORDER * spacing {
+                return None;
+            }
             #[expect(
                 clippy::cast_possible_truncation,
                 clippy::cast_sign_loss,
                 reason = "a part of a distance within the image"
             )]
-            let half = (gap * spacing).min(LARGEST_HALF) as usize;
-            refine_corner(image, corner, half, options.max_iterations)
-                .filter(|better| (better - corner).norm() < gap * spacing)
+            let half = (spacing / 4.0).min(largest) as usize;
+            refine_corner(&plain, corner, half, options.max_iterations)
+                .filter(|better| (better - corner).norm() < NEAR * spacing)
         };
         (0..size.count()).map(refine).collect()
     }
 }
 
-/// Half width of a refinement window that shows enough of any edge \[px\].
-const LARGEST_HALF: f64 = 15.0;
+/// Least distance of a corner to the image's border, in parts of the spacing.
+const BORDER: f64 = 0.5;
+/// Part of the spacing by which a corner may move when it is refined.
+const NEAR: f64 = 0.15;
 
 /// Looks for the board at one scale. `seen` becomes the most crossings and markers seen.
 fn search(scaled: &Scaled, board: &CharucoBoard, seen: &mut (usize, usize)) -> Option<Labelled> {
@@ -235,14 +261,14 @@ fn search(scaled: &Scaled, board: &CharucoBoard, seen: &mut (usize, usize)) -> O
     let size = board.corners();
     let codes = board.dictionary.codes();
     let mut corners = vec![None; size.count()];
-    let mut ratio = None;
+    let mut first = None;
     for grid in &mut grids(&saddles) {
         complete(image, grid, size);
         let Some((placed, markers, found_ratio)) = place(image, grid, board, &codes) else {
             continue;
         };
         seen.1 = seen.1.max(markers);
-        ratio.get_or_insert(found_ratio);
+        first.get_or_insert((found_ratio, placed.first_white));
         for row in 0..grid.rows {
             for col in 0..grid.cols {
                 let place = (i32::try_from(col), i32::try_from(row));
@@ -259,7 +285,11 @@ fn search(scaled: &Scaled, board: &CharucoBoard, seen: &mut (usize, usize)) -> O
             }
         }
     }
-    ratio.map(|ratio| Labelled { corners, ratio })
+    first.map(|(ratio, first_white)| Labelled {
+        corners,
+        ratio,
+        first_white,
+    })
 }
 
 /// Where a grid lies on the board by the markers in its white squares, how many agree, and their
@@ -288,7 +318,8 @@ fn place(
         };
         (0..grid.cells.len()).filter(there).count()
     };
-    let mut best: Option<(Placed, usize, f64)> = None;
+    // The place, how many markers agree, and the sides with which they do.
+    let mut best: Option<(Placed, usize, Vec<f64>)> = None;
     for ratio in RATIOS {
         let mut votes: BTreeMap<Placed, usize> = BTreeMap::new();
         let mut read = 0;
@@ -319,70 +350,24 @@ fn place(
         if let Some((placed, agreeing)) = most
             && agreeing >= AGREEING
             && agreeing as f64 >= MAJORITY * f64::from(read)
-            && best.is_none_or(|(_, n, _)| agreeing > n)
         {
-            best = Some((placed, agreeing, ratio));
+            match &mut best {
+                Some((_, n, ratios)) if agreeing == *n => ratios.push(ratio),
+                Some((_, n, _)) if agreeing < *n => {}
+                _ => best = Some((placed, agreeing, vec![ratio])),
+            }
         }
     }
-    best
+    // Of the sides that serve as well the middle one is nearest to the truth.
+    best.map(|(placed, agreeing, ratios)| {
+        let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+        (placed, agreeing, mean)
+    })
 }
 
 /// The inner corner at a place of the board: they begin one square from its edge.
 fn inner(place: i32, count: usize) -> Option<usize> {
     usize::try_from(place - 1).ok().filter(|&v| v < count)
-}
-
-/// The grid with one more line on each side, where its lines lead: the board's outer squares have
-/// markers too, but no crossings at their outer corners.
-fn widened(grid: &Grid) -> Grid {
-    let (cols, rows) = (grid.cols + 2, grid.rows + 2);
-    let mut cells = vec![None; cols * rows];
-    for row in 0..grid.rows {
-        for col in 0..grid.cols {
-            cells[(row + 1) * cols + col + 1] = grid.at(col, row).copied();
-        }
-    }
-    let lead = |cells: &mut Vec<Option<Cell>>, to: usize, from: usize, before: usize| {
-        if let (None, Some(a), Some(b)) = (cells[to], cells[from], cells[before]) {
-            let at = a.at + (a.at - b.at);
-            let dark = !a.dark;
-            cells[to] = Some(Cell { at, dark });
-        }
-    };
-    for row in 0..rows {
-        let first = row * cols;
-        lead(&mut cells, first, first + 1, first + 2);
-        lead(
-            &mut cells,
-            first + cols - 1,
-            first + cols - 2,
-            first + cols - 3,
-        );
-    }
-    for col in 0..cols {
-        let last = (rows - 1) * cols + col;
-        lead(&mut cells, col, col + cols, col + 2 * cols);
-        lead(&mut cells, last, last - cols, last - 2 * cols);
-    }
-    Grid { cols, rows, cells }
-}
-
-/// The white squares of a grid, each with the map of its unit square into the image.
-fn white_squares(grid: &Grid) -> impl Iterator<Item = ((i32, i32), Matrix3<f64>)> {
-    let unit = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(x, y)| Point2::new(x, y));
-    let all = (0..grid.rows.saturating_sub(1))
-        .flat_map(|r| (0..grid.cols.saturating_sub(1)).map(move |c| (c, r)));
-    all.filter_map(move |(c, r)| {
-        let first = grid.at(c, r)?;
-        let corners = [
-            first.at,
-            grid.at(c + 1, r)?.at,
-            grid.at(c + 1, r + 1)?.at,
-            grid.at(c, r + 1)?.at,
-        ];
-        let place = (i32::try_from(c).ok()?, i32::try_from(r).ok()?);
-        (!first.dark).then(|| Some((place, homography(&unit, &corners)?)))?
-    })
 }
 
 /// The marker in a square: its number, and the quarter turns clockwise that set it upright.
@@ -453,7 +438,7 @@ fn marker(
         .iter()
         .enumerate()
         .filter(|(k, v)| border(*k) && **v > middle);
-    if bright.count() as f64 > BORDER * count {
+    if bright.count() as f64 > FRAME * count {
         return None;
     }
     let inner = values.iter().enumerate().filter(|(k, _)| !border(*k));
