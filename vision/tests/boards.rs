@@ -1,5 +1,11 @@
 //! Boards of other kinds than chessboards, drawn by this project, found and calibrated from.
-#![expect(clippy::unwrap_used, reason = "a test")]
+#![expect(clippy::unwrap_used, clippy::panic, reason = "a test")]
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a board has few squares"
+)]
 #![expect(clippy::print_stdout, reason = "a test reports what it measured")]
 
 mod synthetic;

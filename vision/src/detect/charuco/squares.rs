@@ -104,7 +104,7 @@ pub(super) fn painted(
     ratio: f64,
 ) -> GrayImage {
     let mut out = image.clone();
-    let reach = (ratio + MARGIN * (1.0 - ratio)) / 2.0;
+    let reach = f64::midpoint(ratio, MARGIN * (1.0 - ratio));
     for to_image in squares {
         let Some(back) = to_image.try_inverse() else {
             continue;
