@@ -18,6 +18,8 @@ use crate::supervisor::in_words;
 
 /// Longest wait for an arm to be ready: a link may have to be made anew.
 const PATIENCE: Duration = Duration::from_secs(3);
+/// A joint slower than this rests \[rad/s\]; encoders' noise is less.
+const AT_REST: f64 = 0.02;
 /// A base that comes no further back for so long is stopped.
 const STALL: Duration = Duration::from_secs(5);
 /// Part of the way that a base has to do in that time.
@@ -69,8 +71,17 @@ pub fn make_ready(
     }
     let deadline = rig.clock.now() + patience;
     let period = rig.arm.description().period;
+    let mut before: Option<Joints> = None;
     loop {
         let problem = match advance(rig) {
+            // It may have been taken over while it moved.
+            Ok((state, true))
+                if before
+                    .replace(state.positions)
+                    .is_none_or(|before| moves(&before, &state.positions, period)) =>
+            {
+                "it does not come to rest".to_owned()
+            }
             Ok((state, true)) => {
                 let pose = base_pose(&rig.bearings, &state);
                 return Ok(path.rejoin(&pose, &state.positions, lead)?);
@@ -94,6 +105,12 @@ pub fn make_ready(
         }
         rig.clock.wait_until(now + period);
     }
+}
+
+/// Whether a joint moves, by two readings a `period` apart.
+fn moves(before: &Joints, now: &Joints, period: Duration) -> bool {
+    let moved = now.zip(before, |now, before| now - before);
+    moved.max_abs() > AT_REST * period.as_secs_f64()
 }
 
 /// One step towards an enabled arm; whether it is one.

@@ -165,7 +165,7 @@ fn sim_launch_runs_the_default_insertion_to_its_target() {
         // It needs the processor that the rates below need.
         master.run(20, "rosnode", &["kill", "/rviz"]);
     }
-    let (on, answer) = call(&master, "/needle_steer/resume");
+    let (on, answer) = call(&master, "/needle_steer/start");
     assert!(on, "{answer}");
     let rate = rate(&master, "/joint_states");
     println!("joint_states: {rate} Hz");

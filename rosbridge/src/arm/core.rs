@@ -124,6 +124,9 @@ pub(crate) struct Core {
     cut_off: Option<String>,
     tracking: Tracking,
     rest: Rest,
+    /// When the arm was enabled, until it rests or is commanded: it may still move by the last
+    /// command of a program that is gone.
+    taken_over: Option<Stamp>,
     zeros: Joints,
     closed: bool,
 }
@@ -153,6 +156,7 @@ impl Core {
             cut_off: None,
             tracking: Tracking::new(&timing, tolerances.tracking, description.period),
             rest: Rest::new(tolerances.rest),
+            taken_over: None,
             zeros,
             closed: false,
         })
@@ -244,6 +248,7 @@ impl Core {
         let positions = self.fresh(now)?.positions;
         self.tracking.restart(positions);
         self.rest.restart();
+        self.taken_over = Some(now);
         self.guard.assume(Motion::steady(self.zeros));
         self.command = None;
         self.mode = ArmMode::Enabled;

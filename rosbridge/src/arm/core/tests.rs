@@ -61,7 +61,13 @@ impl Bench {
     }
 
     fn enabled() -> Self {
+        Self::enabled_while(0.0)
+    }
+
+    /// An arm whose first joint moves meanwhile.
+    fn enabled_while(creep: f64) -> Self {
         let mut bench = Self::new();
+        bench.creep = creep;
         bench.step();
         bench.core.enable(bench.now).unwrap();
         bench
@@ -303,6 +309,25 @@ fn closing_comes_to_rest() {
         bench.step();
     }
     assert!(bench.core.is_closed() && bench.core.is_rest());
+}
+
+#[test]
+fn an_arm_taken_over_in_motion_may_brake_and_must() {
+    for brakes in [true, false] {
+        let mut bench = Bench::enabled_while(0.4);
+        for period in 0..120 {
+            if brakes && period == 10 {
+                bench.creep = 0.0;
+            }
+            bench.step();
+        }
+        let expected = if brakes {
+            ArmMode::Enabled
+        } else {
+            ArmMode::Faulted(FaultReason::UncommandedMotion)
+        };
+        assert_eq!(bench.mode(), expected);
+    }
 }
 
 #[test]

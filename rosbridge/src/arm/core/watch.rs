@@ -1,10 +1,15 @@
 //! What is watched while an arm is ours to command.
 
+use std::time::Duration;
+
 use hal::{ArmMode, FaultReason, Stamp};
 
 use super::refused::{reported, second_controller, skew};
 use super::reports::silent;
 use super::{Core, Feedback};
+
+/// Time that an arm may take to come to rest after it was enabled.
+const BRAKING: Duration = Duration::from_millis(500);
 
 impl Core {
     /// Faults of an arm that we command.
@@ -50,6 +55,11 @@ impl Core {
             let words = format!("joint {} stands at {at:.4} rad", joint + 1);
             return Some((FaultReason::JointLimit, words));
         }
+        if self.comes_to_rest(now) {
+            self.tracking.restart(feedback.positions);
+            self.rest.restart();
+            return None;
+        }
         let rates = self.guard.motion().rates;
         if let Some((joint, by)) = self.rest.moved(now, &feedback.positions, &rates) {
             let words = format!(
@@ -72,6 +82,15 @@ impl Core {
         })?;
         let words = format!("last command {} ms ago", ms(command.arrived));
         Some((FaultReason::StaleCommand, words))
+    }
+
+    /// Whether an arm that was just enabled may still be braking.
+    fn comes_to_rest(&mut self, now: Stamp) -> bool {
+        let braking = |since: Stamp| now.since(since) < BRAKING && self.command.is_none();
+        if !self.taken_over.is_some_and(braking) {
+            self.taken_over = None;
+        }
+        self.taken_over.is_some()
     }
 
     /// How far the feedback's stamps are behind \[s\], if that is why there is none.
