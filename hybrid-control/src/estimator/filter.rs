@@ -143,7 +143,6 @@ pub(crate) fn alone(sigma: f64, elapsed: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Fed with its own process, the filter finds the bevel vector once the bevel has turned.
     #[test]
     fn what_lasts_counts_once_while_it_lasts() {
         let (period, images) = (1.0 / 30.0, 45);
@@ -158,6 +157,7 @@ mod tests {
         assert!((alone(short, LASTS) - short).abs() < 1e-12);
     }
 
+    /// Fed with its own process, the filter finds the bevel vector once the bevel has turned.
     #[test]
     fn bevel_and_disturbance_separate_after_a_turn() {
         let s = EstimatorSettings::default();
