@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::master::{Master, wait_until};
-use crate::{among_others, call, nodes, signal, start};
+use crate::{among_others, call, signal, start_run, wait_for_node};
 
 /// Tokens at 20 Hz for so many seconds, once the node listens.
 fn tokens(seconds: u32) -> String {
@@ -24,23 +24,9 @@ fn tokens_over_ros_keep_a_run_going_until_they_stop() {
     };
     let _others = among_others();
     let out = master.home().join("dead-man");
-    let arguments = [
-        "run",
-        "--sensor",
-        "shape",
-        "--set",
-        "ros.publish=true",
-        "--set",
-        "supervisor.dead_man_ms=3000",
-        "__name:=steer",
-        "--out",
-        out.to_str().unwrap(),
-    ];
-    let mut run = start(&master, &arguments);
-    let up = wait_until(Duration::from_secs(20), || {
-        nodes(&master).contains("/steer")
-    });
-    assert!(up, "{}", nodes(&master));
+    let switch = ["--set", "supervisor.dead_man_ms=3000", "__name:=steer"];
+    let mut run = start_run(&master, &switch, &out);
+    wait_for_node(&master, "/steer");
     // The first token over the service, then for longer than one of them lasts over the topic.
     let held = wait_until(Duration::from_secs(10), || {
         call(&master, "/steer/dead_man").0

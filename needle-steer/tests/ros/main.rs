@@ -20,10 +20,12 @@ mod targets;
 mod velocity_arm;
 mod withdraw;
 
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use std::time::Duration;
 
-use master::{Master, Running};
+use master::{Master, Running, wait_until};
 
 const BINARY: &str = env!("CARGO_BIN_EXE_needle-steer");
 
@@ -47,6 +49,18 @@ fn start(master: &Master, arguments: &[&str]) -> Running {
         .stdin(Stdio::null())
         .stdout(Stdio::piped());
     Running(command.spawn().unwrap())
+}
+
+/// An insertion by the fast sensor as a node on a master, its results in `out`.
+fn start_run(master: &Master, more: &[&str], out: &Path) -> Running {
+    let run = ["run", "--sensor", "shape", "--set", "ros.publish=true"];
+    let out = ["--out", out.to_str().unwrap()];
+    start(master, &[&run[..], more, &out[..]].concat())
+}
+
+fn wait_for_node(master: &Master, name: &str) {
+    let up = wait_until(Duration::from_secs(20), || nodes(master).contains(name));
+    assert!(up, "{}", nodes(master));
 }
 
 fn signal(child: &Child, name: &str) {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::master::{Master, wait_until};
-use crate::{among_others, call, nodes, phase, signal, start};
+use crate::{among_others, call, phase, signal, start, wait_for_node};
 
 /// Positions of the joints [rad].
 fn joints(master: &Master) -> Vec<f64> {
@@ -68,10 +68,7 @@ fn services_and_hands_lead_through_a_run() {
     let added = ["__name:=steer", "__log:=steer.log", "_speed:=3", "--out"];
     let all = [&arguments[..], &added[..], &[out.to_str().unwrap()]].concat();
     let mut run = start(&master, &all);
-    let up = wait_until(Duration::from_secs(20), || {
-        nodes(&master).contains("/steer")
-    });
-    assert!(up, "{}", nodes(&master));
+    wait_for_node(&master, "/steer");
     let refused = [
         ("retract", "nothing is inserted"),
         ("pause", "no insertion"),

@@ -5,7 +5,7 @@ use std::process::{ChildStdin, ChildStdout, Stdio};
 use std::time::Duration;
 
 use crate::master::{Master, Running, wait_until};
-use crate::{among_others, call, nodes, phase, signal, start};
+use crate::{among_others, call, phase, signal, start_run, wait_for_node};
 
 /// Publishes a target a line (frame, coordinates [mm]); prints the answer and what `/rosout` says.
 const OPERATOR: &str = "import sys, threading, rospy\n\
@@ -78,22 +78,8 @@ fn targets_are_refused_in_words_and_the_node_stays() {
     let _others = among_others();
     let out = master.home().join("targets");
     // Deeper than the needle is long, and the node starts by itself.
-    let arguments = [
-        "run",
-        "--sensor",
-        "shape",
-        "--set",
-        "ros.publish=true",
-        "--set",
-        "target.depth_mm=300",
-        "--out",
-        out.to_str().unwrap(),
-    ];
-    let mut run = start(&master, &arguments);
-    let up = wait_until(Duration::from_secs(20), || {
-        nodes(&master).contains("/needle_steer")
-    });
-    assert!(up, "{}", nodes(&master));
+    let mut run = start_run(&master, &["--set", "target.depth_mm=300"], &out);
+    wait_for_node(&master, "/needle_steer");
     let (started, answer) = call(&master, "/needle_steer/start");
     assert!(!started && answer.contains("too short"), "{answer}");
     let mut operator = Operator::start(&master);

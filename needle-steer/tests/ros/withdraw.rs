@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use crate::master::{Master, Running, wait_until};
-use crate::{BINARY, alone, among_others, call, nodes, phase, signal, start};
+use crate::{BINARY, alone, among_others, call, nodes, phase, signal, start, start_run};
 
 fn ended(summary: &Path) -> String {
     let text = std::fs::read_to_string(summary).unwrap_or_default();
@@ -21,16 +21,7 @@ fn a_stopped_insertion_is_withdrawn_once_and_never_resumed() {
     };
     let _others = among_others();
     let out = master.home().join("stopped");
-    let arguments = [
-        "run",
-        "--sensor",
-        "shape",
-        "--set",
-        "ros.publish=true",
-        "--out",
-        out.to_str().unwrap(),
-    ];
-    let mut run = start(&master, &arguments);
+    let mut run = start_run(&master, &[], &out);
     let steering = wait_until(Duration::from_mins(1), || {
         phase(&master).contains("Steering")
     });
