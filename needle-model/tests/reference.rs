@@ -5,6 +5,10 @@
 use needle_model::{Case, CaseError, EquilibriumError};
 use serde_json::Value;
 
+/// How far independent solvers of these equilibria lie from the reference, in m, rounded up
+/// (`tests/data/needle/README.md`).
+const FAIR_M: f64 = 1e-7;
+
 fn numbers<const N: usize>(v: &Value) -> [f64; N] {
     std::array::from_fn(|i| v[i].as_f64().unwrap())
 }
@@ -53,16 +57,16 @@ fn frozen_equilibria_agree() {
         let expected = &value["expected"];
         let shape = case.solve().unwrap();
         let tip = distance(&shape.tip_m, &numbers(&expected["tip_m"]));
-        assert!(tip < 1e-6, "{name}: tip {tip:e}");
+        assert!(tip < FAIR_M, "{name}: tip {tip:e}");
         worst_tip = worst_tip.max(tip);
         let turned = distance(&shape.tip_direction, &numbers(&expected["tip_direction"]));
-        // A micrometre over the last 0.5 mm.
-        assert!(turned < 2e-3, "{name}: direction {turned:e}");
+        // What moves the last two spring planes, 20 mm apart, by that much against each other.
+        assert!(turned < FAIR_M / 20e-3, "{name}: direction {turned:e}");
         let points = expected["spring_points_m"].as_array().unwrap();
         assert_eq!(points.len(), shape.spring_points_m.len());
         for (point, reference) in shape.spring_points_m.iter().zip(points) {
             let gap = distance(point, &numbers(reference));
-            assert!(gap < 1e-7, "{name}: {gap:e}");
+            assert!(gap < FAIR_M, "{name}: {gap:e}");
             worst_point = worst_point.max(gap);
         }
         // The reference samples at parameters; compare across the needle at its arc lengths.
@@ -90,7 +94,7 @@ fn frozen_equilibria_agree() {
         }
     }
     println!("worst: tip {worst_tip:e}, spring points {worst_point:e}, shape {worst_shape:e} m");
-    assert!(worst_shape < 1e-6, "{worst_shape:e}");
+    assert!(worst_shape < FAIR_M, "{worst_shape:e}");
 }
 
 #[test]

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use crate::hazards::{is_test, sources};
+
 fn workspace() -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
 }
@@ -102,24 +104,13 @@ fn every_equation_has_one_function_and_every_row_is_true() {
 
 #[test]
 fn every_test_of_the_index_exists() {
-    let mut sources = String::new();
-    for member in ["needle-model", "hybrid-control", "tests", "needle-steer"] {
-        let mut files = Vec::new();
-        for folder in ["src", "tests"] {
-            let folder = workspace().join(member).join(folder);
-            if folder.is_dir() {
-                rust_files(&folder, &mut files);
-            }
-        }
-        for file in files {
-            sources += &std::fs::read_to_string(file).unwrap();
-        }
-    }
     for (number, (_, test)) in equations_in_index() {
-        let name = test.rsplit("::").next().unwrap();
+        let (member, name) = test
+            .split_once("::")
+            .unwrap_or_else(|| panic!("({number}): `{test}` names no crate"));
         assert!(
-            sources.contains(&format!("fn {name}(")),
-            "({number}): no test `{name}`"
+            is_test(&sources(member), name),
+            "({number}): no test `{name}` in {member}"
         );
     }
 }

@@ -52,7 +52,7 @@ fn rows() -> Vec<Row> {
 }
 
 /// All of a crate's code and tests.
-fn sources(member: &str) -> String {
+pub(crate) fn sources(member: &str) -> String {
     let mut files = Vec::new();
     for folder in ["src", "tests"] {
         let folder = Path::new(ROOT).join(member).join(folder);
@@ -98,7 +98,7 @@ fn calls(code: &str, symbol: &str) -> bool {
 }
 
 /// Whether `text` holds the function `name` right below a `#[test]`, attributes between allowed.
-fn is_test(text: &str, name: &str) -> bool {
+pub(crate) fn is_test(text: &str, name: &str) -> bool {
     text.find(&format!("fn {name}(")).is_some_and(|at| {
         text[..at]
             .trim_end()

@@ -231,7 +231,7 @@ fn without_images_the_arm_holds_still_and_then_the_run_stops() {
         (shape.stamp.as_secs() < 8.0).then_some(shape)
     });
     let (summary, steps) = insert(&config, &mut rig, |_, _| {});
-    let Ended::Stopped(StopReason::ImageTimeout { age_s }) = summary.ended else {
+    let Ended::Stopped(StopReason::ImageTimeout { age_s, .. }) = summary.ended else {
         panic!("{summary:?}");
     };
     assert!((2.0..2.1).contains(&age_s), "{age_s}");

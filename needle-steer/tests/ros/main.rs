@@ -10,8 +10,10 @@
 mod back_end;
 mod dead_arm;
 mod dead_man;
+mod images;
 mod launch;
 mod lifecycle;
+mod messages;
 #[path = "../../../rosbridge/tests/ros/master.rs"]
 mod master;
 mod picture;
