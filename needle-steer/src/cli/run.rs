@@ -391,6 +391,9 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     let mm = |value: Option<f64>| value.map_or("unknown".into(), |v| format!("{v:.3} mm"));
     writeln!(out, "{}", summary.ended)?;
+    if summary.ended == Ended::DryRun {
+        return Ok(());
+    }
     writeln!(out, "  true error      {}", mm(summary.true_error_mm))?;
     writeln!(out, "  measured error  {}", mm(summary.measured_error_mm))?;
     writeln!(out, "  along the axis  {}", mm(summary.axial_error_mm))?;

@@ -182,6 +182,7 @@ pub fn identify(recordings: &[Recording]) -> Result<Identified, IdentifyError> {
     let mut load = Mean::default();
     let (mut turned, mut deepest, mut measurements) = (0.0_f64, 0.0_f64, 0);
     let mut shaft = false;
+    let mut stopped = None;
     let Some(first) = recordings.first() else {
         return Err(IdentifyError::NoRecording);
     };
@@ -198,8 +199,12 @@ pub fn identify(recordings: &[Recording]) -> Result<Identified, IdentifyError> {
         turned = turned.max(found.turned);
         // The springs of one insertion err together: its fits are one.
         let mut fits = Mean::default();
-        for (log, variance) in tip_load::along(recording, log_k.exp(), MODEL_SIGMA.stiffness) {
+        let along = tip_load::along(recording, log_k.exp(), MODEL_SIGMA.stiffness);
+        for (log, variance) in along.loads {
             fits.add(log, variance.sqrt());
+        }
+        if let (None, Some(why)) = (&stopped, along.stopped) {
+            stopped = Some(format!("{}, {why}", recording.name));
         }
         if let Some((log, _)) = fits.result() {
             load.add(log, fits.spread().max(0.05));
@@ -227,7 +232,10 @@ pub fn identify(recordings: &[Recording]) -> Result<Identified, IdentifyError> {
     let load_reason = load
         .result()
         .is_none()
-        .then(|| "the springs model did not follow any recording".to_owned())
+        .then(|| match &stopped {
+            Some(why) => format!("the springs model did not follow any recording ({why})"),
+            None => "no piece of shaft beyond a spring tells it".to_owned(),
+        })
         .or_else(|| {
             unclear(
                 load_sigma,

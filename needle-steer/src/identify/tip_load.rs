@@ -1,6 +1,6 @@
 //! Scale of the tip load in the paper's springs model.
 
-use nalgebra::Vector3;
+use nalgebra::{Translation3, Vector3};
 use needle_model::{Bevel, EstimationSettings, Estimator, Insertion, InsertionSettings, Tissue};
 
 use super::recording::Recording;
@@ -18,40 +18,71 @@ const CLEARANCE: f64 = 1e-3;
 /// One fit's logarithm of the tip-load factor and its variance.
 pub(super) type LogLoad = (f64, f64);
 
-/// Fits of the tip-load factor along an insertion, with the stiffness `k_t` \[N/m2\] given. The
-/// springs are born at the measured tips. A recording that the model cannot follow gives none.
-pub(super) fn along(recording: &Recording, k_t: f64, k_sigma: f64) -> Vec<LogLoad> {
-    fits(recording, k_t, k_sigma).unwrap_or_default()
+/// The fits of one insertion, and why there are not more.
+#[derive(Debug, Default)]
+pub(super) struct Fits {
+    /// In order of depth.
+    pub(super) loads: Vec<LogLoad>,
+    /// Where and why the model did not follow the insertion to its end.
+    pub(super) stopped: Option<String>,
 }
 
-fn fits(recording: &Recording, k_t: f64, k_sigma: f64) -> Option<Vec<LogLoad>> {
+/// Fits of the tip-load factor along an insertion, with the stiffness `k_t` \[N/m2\] given. The
+/// springs are born at the measured tips.
+pub(super) fn along(recording: &Recording, k_t: f64, k_sigma: f64) -> Fits {
+    let mut fits = Fits::default();
+    if let Err(why) = collect(recording, k_t, k_sigma, &mut fits.loads) {
+        fits.stopped = Some(why);
+    }
+    fits
+}
+
+/// Adds fits up to the first depth to which the model does not follow; an error names it.
+fn collect(
+    recording: &Recording,
+    k_t: f64,
+    k_sigma: f64,
+    found: &mut Vec<LogLoad>,
+) -> Result<(), String> {
+    fn words(error: impl std::fmt::Display) -> String {
+        error.to_string()
+    }
     let config = &recording.config;
-    let first = recording.seen.first()?;
-    let outside = first.world_from_support * nalgebra::Isometry3::translation(0.0, 0.0, -CLEARANCE);
+    let Some(first) = recording.seen.first() else {
+        return Ok(());
+    };
+    // Cameras see the needle only when it is some way in: its straight start is made up for.
+    let unseen = (first.tip - config.entry()).dot(&config.inward()).max(0.0);
+    let pulled_back = |by: f64| first.world_from_support * Translation3::new(0.0, 0.0, -by);
+    let pitch = config.tissue.spring_spacing_mm * 1e-3;
     let mut insertion = Insertion::new(
-        springs::needle(config).ok()?,
+        springs::needle(config).map_err(words)?,
         Bevel::plane_cut(
             config.needle.bevel_deg.to_radians(),
             config.needle.outer_diameter_mm * 1e-3,
         )
-        .ok()?,
-        Tissue::uniform(config.entry().coords, config.inward().into_inner(), k_t).ok()?,
+        .map_err(words)?,
+        Tissue::uniform(config.entry().coords, config.inward().into_inner(), k_t).map_err(words)?,
         InsertionSettings {
-            pitch: config.tissue.spring_spacing_mm * 1e-3,
+            pitch,
             ..InsertionSettings::default()
         },
-        &outside,
+        &pulled_back(unseen + CLEARANCE),
     )
-    .ok()?;
+    .map_err(words)?;
+    let mut left = unseen - pitch;
+    while left > 0.0 {
+        insertion
+            .insert(&pulled_back(left), None)
+            .map_err(|error| format!("on its unseen start: {error}"))?;
+        left -= pitch;
+    }
     let mut next = FIRST;
-    let mut found = Vec::new();
     for seen in &recording.seen {
-        if insertion
+        let depth_mm = insertion.equilibrium().inserted_length() * 1e3;
+        insertion
             .insert(&seen.world_from_support, Some(seen.tip.coords))
-            .is_err()
-        {
-            break;
-        }
+            .map_err(|error| format!("{depth_mm:.0} mm deep: {error}"))?;
         // A spring just born at the tip leaves no needle behind it to fit.
         let free = insertion.equilibrium().segment_lengths().last();
         let settled = free.is_some_and(|length| length > LEAST);
@@ -79,5 +110,5 @@ fn fits(recording: &Recording, k_t: f64, k_sigma: f64) -> Option<Vec<LogLoad>> {
             found.push((estimate.load_factor.ln(), estimate.covariance[(1, 1)]));
         }
     }
-    Some(found)
+    Ok(())
 }
