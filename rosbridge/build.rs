@@ -4,9 +4,16 @@
 use std::io::Write;
 
 fn main() -> std::io::Result<()> {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/msgs");
+    // The messages of this project are a ROS package of their own, beside the launch files.
+    let folders = ["msgs", "ros"].map(|name| format!("{}/{name}", env!("CARGO_MANIFEST_DIR")));
     let mut out = std::io::stdout().lock();
-    writeln!(out, "cargo:rerun-if-changed={folder}")?;
-    writeln!(out, "cargo:rustc-env=ROSRUST_MSG_PATH={folder}")?;
+    for folder in &folders {
+        writeln!(out, "cargo:rerun-if-changed={folder}")?;
+    }
+    writeln!(
+        out,
+        "cargo:rustc-env=ROSRUST_MSG_PATH={}",
+        folders.join(":")
+    )?;
     writeln!(out, "cargo:rustc-env=CMAKE_PREFIX_PATH=/nonexistent")
 }

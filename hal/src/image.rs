@@ -117,4 +117,10 @@ pub trait StereoCamera: Send {
     /// # Errors
     /// The cameras are gone.
     fn poll(&mut self) -> Result<Option<StereoFrame>, Error>;
+
+    /// Why no pairs come, in words, from cameras that know it: before the first pair, and when the
+    /// newest is old. Cameras that say nothing are taken to be ready.
+    fn hindrance(&self) -> Option<String> {
+        None
+    }
 }

@@ -160,6 +160,7 @@ impl<'a> Insertion<'a> {
         self.rig.check_start(&self.first)?;
         self.attach_marker(config);
         self.rig.await_marker(config)?;
+        self.rig.await_images()?;
         let ended = self.conduct(config, observer, controls)?;
         controls.refuse_aims();
         let ended = match ended {
@@ -286,7 +287,9 @@ impl<'a> Insertion<'a> {
                     self.holds.note(cause, period.as_secs_f64());
                 }
                 Verdict::Stop(reason) => {
-                    return Ok(Ended::Stopped(reason.explained(self.rig.arm.explanation())));
+                    let by_arm = self.rig.arm.explanation();
+                    let by_cameras = self.rig.eyes.hindrance();
+                    return Ok(Ended::Stopped(reason.explained(by_arm, by_cameras)));
                 }
             }
             if let Some(ended) = self.verdict(now) {

@@ -316,6 +316,7 @@ impl Supervisor {
         if now.since(self.newest_image) > bounds.image_stop {
             return Err(StopReason::ImageTimeout {
                 age_s: now.secs_since(self.newest_image),
+                problem: None,
             });
         }
         if now.since(self.newest_sight) > bounds.image_stop {

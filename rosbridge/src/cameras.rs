@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use hal::{CameraFrame, Error, ErrorKind, Stamp, StereoCamera, StereoFrame};
 
-use crate::convert;
+use crate::image::{self, Depth, ImageRefused};
 use crate::msg::sensor_msgs;
 use crate::seam::{Inlet, Node, NodeClock, NodeError, lock};
 
@@ -18,9 +18,9 @@ const WAITING: usize = 4;
 pub struct RosCamerasOptions {
     /// Name of the pair for messages and errors.
     pub name: String,
-    /// Topic of the left images (mono8).
+    /// Topic of the left images, in any encoding of [`image`].
     pub left: String,
-    /// Topic of the right images (mono8).
+    /// Topic of the right images.
     pub right: String,
     /// Largest distance between the stamps of a pair.
     pub tolerance: Duration,
@@ -41,10 +41,10 @@ impl Default for RosCamerasOptions {
 }
 
 /// The cameras. Before the first pair, `poll` finds nothing; after one, long silence is an error.
+/// What keeps pairs from coming is said in words, by [`StereoCamera::hindrance`] and `/diagnostics`.
 #[derive(Debug)]
 pub struct RosCameras {
     name: String,
-    timeout: Duration,
     clock: NodeClock,
     pairing: Arc<Mutex<Pairing>>,
 }
@@ -56,20 +56,24 @@ impl RosCameras {
     /// The master does not register the topics.
     pub fn new(node: &Node, options: RosCamerasOptions) -> Result<Self, NodeError> {
         let clock = node.clock();
-        let pairing = Arc::new(Mutex::new(Pairing::new(options.tolerance)));
+        let pairing = Arc::new(Mutex::new(Pairing::new(&options)));
         for (topic, side) in [(&options.left, Side::Left), (&options.right, Side::Right)] {
             let (pairing, clock) = (Arc::clone(&pairing), clock.clone());
+            let depth = Mutex::new(Depth::default());
             Inlet::open::<sensor_msgs::Image>(node, topic, 2, move |message| {
                 let stamp = clock.run_stamp(message.header.stamp);
-                // Images of another encoding are no images: the cameras stay silent.
-                if let Ok(frame) = convert::from_image(message) {
-                    lock(&pairing).add(side, CameraFrame { stamp, ..frame }, clock.now());
+                let frame = image::grey(message, &mut lock(&depth));
+                let mut pairing = lock(&pairing);
+                match frame {
+                    Ok(frame) => pairing.add(side, CameraFrame { stamp, ..frame }, clock.now()),
+                    Err(refused) => pairing.topics[side as usize].refused = Some(refused),
                 }
             })?;
         }
+        let (asked, now) = (Arc::clone(&pairing), clock.clone());
+        node.ask_about(&options.name, move || lock(&asked).hindrance(now.now()));
         Ok(Self {
             name: options.name,
-            timeout: options.timeout,
             clock,
             pairing,
         })
@@ -82,13 +86,23 @@ impl StereoCamera for RosCameras {
         if let Some(pair) = pairing.newest.take() {
             return Ok(Some(pair));
         }
-        let silent = pairing
-            .arrived
-            .is_some_and(|at| self.clock.now().since(at) > self.timeout);
-        if silent {
-            Err(Error::new(&self.name, ErrorKind::Timeout))
-        } else {
-            Ok(None)
+        match (pairing.arrived, pairing.hindrance(self.clock.now())) {
+            (Some(_), Some(why)) => Err(Error::with_source(&self.name, ErrorKind::Timeout, why)),
+            _ => Ok(None),
+        }
+    }
+
+    fn hindrance(&self) -> Option<String> {
+        lock(&self.pairing).hindrance(self.clock.now())
+    }
+}
+
+impl Topic {
+    fn trouble(&self) -> Option<String> {
+        match (&self.refused, self.newest) {
+            (Some(refused), _) => Some(format!("{}: {refused}", self.name)),
+            (None, None) => Some(format!("nothing comes on {}", self.name)),
+            (None, Some(_)) => None,
         }
     }
 }
@@ -99,10 +113,22 @@ enum Side {
     Right,
 }
 
+/// What came on one side's topic.
+#[derive(Debug)]
+struct Topic {
+    name: String,
+    /// Exposure of the newest image.
+    newest: Option<Stamp>,
+    /// Why the newest image could not be read.
+    refused: Option<ImageRefused>,
+}
+
 /// Brings images together whose stamps agree.
 #[derive(Debug)]
 struct Pairing {
     tolerance: Duration,
+    timeout: Duration,
+    topics: [Topic; 2],
     left: VecDeque<CameraFrame>,
     right: VecDeque<CameraFrame>,
     newest: Option<StereoFrame>,
@@ -110,9 +136,16 @@ struct Pairing {
 }
 
 impl Pairing {
-    fn new(tolerance: Duration) -> Self {
+    fn new(options: &RosCamerasOptions) -> Self {
+        let topics = [&options.left, &options.right].map(|name| Topic {
+            name: name.clone(),
+            newest: None,
+            refused: None,
+        });
         Self {
-            tolerance,
+            tolerance: options.tolerance,
+            timeout: options.timeout,
+            topics,
             left: VecDeque::new(),
             right: VecDeque::new(),
             newest: None,
@@ -120,7 +153,36 @@ impl Pairing {
         }
     }
 
+    /// Why there is no pair, or no recent one, in words.
+    fn hindrance(&self, now: Stamp) -> Option<String> {
+        if self.arrived.is_some_and(|at| now.since(at) <= self.timeout) {
+            return None;
+        }
+        let troubles: Vec<String> = self.topics.iter().filter_map(Topic::trouble).collect();
+        if !troubles.is_empty() {
+            return Some(troubles.join("; "));
+        }
+        let last = self.arrived.map(|at| now.secs_since(at));
+        let apart = match (self.left.back(), self.right.back()) {
+            (Some(left), Some(right)) => left.stamp.secs_since(right.stamp).abs(),
+            _ => 0.0,
+        };
+        let tolerance = self.tolerance.as_secs_f64();
+        Some(match last {
+            _ if apart > tolerance => format!(
+                "left and right images are {:.1} ms apart, more than {:.0} ms",
+                apart * 1e3,
+                tolerance * 1e3
+            ),
+            Some(age) => format!("the last pair came {age:.1} s ago"),
+            None => "no pair yet".to_owned(),
+        })
+    }
+
     fn add(&mut self, side: Side, frame: CameraFrame, now: Stamp) {
+        let topic = &mut self.topics[side as usize];
+        topic.newest = Some(frame.stamp);
+        topic.refused = None;
         let (own, others) = match side {
             Side::Left => (&mut self.left, &mut self.right),
             Side::Right => (&mut self.right, &mut self.left),
@@ -178,7 +240,7 @@ mod tests {
 
     #[test]
     fn images_are_paired_by_stamp_in_any_order_and_the_newest_wins() {
-        let mut pairing = Pairing::new(Duration::from_millis(2));
+        let mut pairing = Pairing::new(&RosCamerasOptions::default());
         let arrivals = [
             (Side::Left, 0),
             (Side::Left, 33),
@@ -198,11 +260,41 @@ mod tests {
 
     #[test]
     fn a_dead_side_does_not_fill_memory_and_makes_no_pairs() {
-        let mut pairing = Pairing::new(Duration::from_millis(2));
+        let mut pairing = Pairing::new(&RosCamerasOptions::default());
         for i in 0..100 {
             pairing.add(Side::Left, frame(33 * i), Stamp::ZERO);
         }
         assert!(pairing.newest.is_none() && pairing.arrived.is_none());
         assert_eq!(pairing.left.len(), WAITING);
+    }
+
+    #[test]
+    fn what_keeps_pairs_from_coming_is_said() {
+        let mut pairing = Pairing::new(&RosCamerasOptions::default());
+        let why = |pairing: &Pairing| pairing.hindrance(Stamp::from_secs(1.0)).unwrap();
+        let text = why(&pairing);
+        assert!(text.contains("nothing comes on left/image_raw"), "{text}");
+        pairing.add(Side::Left, frame(900), Stamp::from_secs(0.9));
+        let text = why(&pairing);
+        assert_eq!(text, "nothing comes on right/image_raw");
+        pairing.add(Side::Right, frame(906), Stamp::from_secs(0.9));
+        let text = why(&pairing);
+        assert_eq!(
+            text,
+            "left and right images are 6.0 ms apart, more than 2 ms"
+        );
+        pairing.topics[1].refused = Some(ImageRefused::Encoding {
+            encoding: "yuv422".to_owned(),
+        });
+        let text = why(&pairing);
+        assert!(
+            text.contains("right/image_raw") && text.contains("yuv422"),
+            "{text}"
+        );
+        pairing.add(Side::Left, frame(940), Stamp::from_secs(0.94));
+        pairing.add(Side::Right, frame(940), Stamp::from_secs(0.94));
+        assert_eq!(pairing.hindrance(Stamp::from_secs(1.0)), None);
+        let text = pairing.hindrance(Stamp::from_secs(3.0)).unwrap();
+        assert!(text.contains("2.1 s ago"), "{text}");
     }
 }

@@ -4,7 +4,7 @@ use hal::telemetry::{Limit, Phase, SteeringMode, Tracking, TruthEvent};
 use hal::{ArmMode, FaultReason};
 
 use crate::convert::ConvertError;
-use crate::msg::needle_steer_msgs as msgs;
+use crate::msg::{needle_steer_lockstep as lockstep, needle_steer_msgs as msgs};
 
 /// A plain enumeration as a constant of its message, and back.
 pub(crate) trait Code: Sized {
@@ -58,7 +58,7 @@ codes! { SteeringMode, msgs::Law, "mode":
     Hold = HOLD,
 }
 
-codes! { TruthEvent, msgs::World, "events":
+codes! { TruthEvent, lockstep::World, "events":
     Buckling = BUCKLING,
     Yielding = YIELDING,
     Tearing = TEARING,

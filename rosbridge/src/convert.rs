@@ -6,13 +6,14 @@
 use hal::frame::{Frame, LeftCamera};
 use hal::joints::TooManyJoints;
 use hal::{
-    ArmState, CameraFrame, GrayImage, Joints, Position, RateCommand, SensedPoint, SensedShape,
-    SensedTip, Stamp, Transform, Twist,
+    ArmState, CameraFrame, Joints, Position, RateCommand, SensedPoint, SensedShape, SensedTip,
+    Stamp, Transform, Twist,
 };
 use nalgebra::{
     Isometry3, Matrix3, Point3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3,
 };
 
+use crate::image::ImageRefused;
 use crate::msg::{geometry_msgs, needle_steer_msgs as msgs, sensor_msgs, std_msgs};
 use crate::seam::Time;
 
@@ -30,18 +31,9 @@ pub enum ConvertError {
     /// More joints than an arm can have.
     #[error(transparent)]
     Joints(#[from] TooManyJoints),
-    /// The image is not plain grey, 8 bits, without padding.
-    #[error("image of {width_px} x {height_px} px, encoding {encoding}, {bytes} bytes: not mono8")]
-    Image {
-        /// Width \[px\].
-        width_px: u32,
-        /// Height \[px\].
-        height_px: u32,
-        /// The encoding it names.
-        encoding: String,
-        /// Bytes of pixels.
-        bytes: usize,
-    },
+    /// The image cannot be read.
+    #[error(transparent)]
+    Image(#[from] ImageRefused),
     /// A frame other than the expected one.
     #[error("given in frame {found:?}, expected {expected:?}")]
     Frame {
@@ -332,27 +324,4 @@ pub(crate) fn image(frame: &CameraFrame, frame_id: &str) -> sensor_msgs::Image {
         step: width,
         data: frame.image.pixels().to_vec(),
     }
-}
-
-pub(crate) fn from_image(m: sensor_msgs::Image) -> Result<CameraFrame, ConvertError> {
-    let bad = |m: &sensor_msgs::Image| ConvertError::Image {
-        width_px: m.width,
-        height_px: m.height,
-        encoding: m.encoding.clone(),
-        bytes: m.data.len(),
-    };
-    if m.encoding != "mono8" || m.step != m.width {
-        return Err(bad(&m));
-    }
-    let error = bad(&m);
-    let (Ok(width), Ok(height)) = (usize::try_from(m.width), usize::try_from(m.height)) else {
-        return Err(error);
-    };
-    Ok(CameraFrame {
-        stamp: stamp(m.header.stamp),
-        sequence: u64::from(m.header.seq),
-        image: GrayImage::from_pixels(width, height, m.data)
-            .map_err(|_| error)?
-            .into(),
-    })
 }

@@ -10,12 +10,13 @@ use hal::{Error, SensedShape, ShapeSensor, Transform};
 
 use crate::codes::Code;
 use crate::convert;
-use crate::msg::needle_steer_msgs::{Shape, World};
+use crate::msg::needle_steer_lockstep::World;
+use crate::msg::needle_steer_msgs::Shape;
 use crate::seam::{Inlet, Node, NodeError, lock};
 
 /// Topic of the measured shapes (`needle_steer_msgs/Shape`, in the stereo frame).
 pub const SHAPES: &str = "needle/shape";
-/// Topic of an emulated laboratory's state (`needle_steer_msgs/World`).
+/// Topic of an emulated laboratory's state (`needle_steer_lockstep/World`).
 pub const LABORATORY: &str = "laboratory";
 /// Truths kept for a reader that is late.
 const KEPT: usize = 256;

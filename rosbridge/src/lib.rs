@@ -24,6 +24,7 @@ pub mod convert;
 pub mod dead_man;
 mod display;
 pub mod emulator;
+pub mod image;
 pub mod laboratory;
 pub mod lockstep;
 pub mod log;

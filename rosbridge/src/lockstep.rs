@@ -14,13 +14,14 @@ use hal::{CameraFrame, Clock, Error, SensedShape, Stamp, StereoCamera, StereoFra
 use crate::arm::core::{Core, Reading};
 use crate::arm::{RosArm, RosArmError, RosArmOptions, feedback_of};
 use crate::convert;
+use crate::image::{self, Depth};
 use crate::laboratory::{LABORATORY, Laboratory, RosShapes};
-use crate::msg::needle_steer_msgs::{Advance, World};
+use crate::msg::needle_steer_lockstep::{Advance, World};
 use crate::msg::sensor_msgs;
 use crate::seam::{Inlet, Node, NodeClock, Outlet, lock};
 use crate::status;
 
-/// Topic of the controller's answers (`needle_steer_msgs/Advance`).
+/// Topic of the controller's answers (`needle_steer_lockstep/Advance`).
 pub const ADVANCE: &str = "laboratory/advance";
 /// Longest wait for a laboratory at the start.
 const CONNECT: Duration = Duration::from_secs(10);
@@ -54,9 +55,9 @@ pub struct LockstepCameras {
 impl LockstepCameras {
     fn put(&self, [left, right]: &[sensor_msgs::Image; 2]) {
         let frame = |image: &sensor_msgs::Image| -> Option<CameraFrame> {
-            convert::from_image(image.clone()).ok()
+            image::grey(image.clone(), &mut Depth::default()).ok()
         };
-        // Images of another encoding are none: the cameras stay silent.
+        // The laboratory of this project sends mono8; others are no part of the lockstep.
         if let (Some(left), Some(right)) = (frame(left), frame(right)) {
             *lock(&self.newest) = Some(StereoFrame { left, right });
         }

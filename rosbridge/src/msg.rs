@@ -1,11 +1,12 @@
-//! ROS 1 messages, generated at build time from the definitions in `msgs`: ROS's own as far as
-//! they are in use, and `needle_steer_msgs`, which hold a run without loss.
+//! ROS 1 messages, generated at build time: ROS's own as far as they are in use and
+//! `needle_steer_lockstep` from `msgs`, and `needle_steer_msgs`, which hold a run without loss, from
+//! the ROS package of that name.
 //!
 //! Lengths are metres, angles radians, `world` is the laboratory; each definition says the rest.
 
 pub use generated::{
-    diagnostic_msgs, geometry_msgs, industrial_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs,
-    std_msgs, std_srvs, tf2_msgs, trajectory_msgs, visualization_msgs,
+    diagnostic_msgs, geometry_msgs, industrial_msgs, needle_steer_lockstep, needle_steer_msgs,
+    rosgraph_msgs, sensor_msgs, std_msgs, std_srvs, tf2_msgs, trajectory_msgs, visualization_msgs,
 };
 
 #[allow(
@@ -24,13 +25,13 @@ mod generated {
         geometry_msgs / PoseStamped,
         geometry_msgs / TwistStamped,
         industrial_msgs / RobotStatus,
-        needle_steer_msgs / Advance,
+        needle_steer_lockstep / Advance,
+        needle_steer_lockstep / World,
         needle_steer_msgs / ArmState,
         needle_steer_msgs / RateCommand,
         needle_steer_msgs / Shape,
         needle_steer_msgs / State,
         needle_steer_msgs / Step,
-        needle_steer_msgs / World,
         rosgraph_msgs / Clock,
         rosgraph_msgs / Log,
         sensor_msgs / CameraInfo,

@@ -1,6 +1,13 @@
 //! What sees the needle: a sensor of shapes, or cameras.
 
+use core::time::Duration;
+
 use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame};
+
+use super::{Rig, RigBuildError, TICK};
+
+/// Longest wait for the first pair of images.
+const FIRST_PAIR: Duration = Duration::from_secs(2);
 
 /// What sees the needle.
 pub enum Eyes {
@@ -69,6 +76,14 @@ impl Eyes {
         Self::Shape(Box::new(Nobody))
     }
 
+    /// Why nothing is seen, in words, from cameras that know it.
+    pub fn hindrance(&self) -> Option<String> {
+        match self {
+            Self::Shape(_) => None,
+            Self::Cameras(cameras) => cameras.hindrance(),
+        }
+    }
+
     /// The newest sight.
     ///
     /// # Errors
@@ -78,6 +93,24 @@ impl Eyes {
             Self::Shape(sensor) => sensor.poll()?.map_or(Sighting::Nothing, Sighting::Shape),
             Self::Cameras(cameras) => cameras.poll()?.map_or(Sighting::Nothing, Sighting::Pair),
         })
+    }
+}
+
+impl Rig {
+    /// Waits until the cameras show pairs of images; those of a simulated laboratory do at once.
+    ///
+    /// # Errors
+    /// None come, and why.
+    pub(crate) fn await_images(&mut self) -> Result<(), RigBuildError> {
+        let patience = self.clock.now() + FIRST_PAIR;
+        while let Some(problem) = self.eyes.hindrance() {
+            if self.clock.now() > patience {
+                return Err(RigBuildError::NoImages { problem });
+            }
+            let next = self.clock.now() + TICK;
+            self.clock.wait_until(next);
+        }
+        Ok(())
     }
 }
 

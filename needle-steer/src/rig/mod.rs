@@ -157,6 +157,12 @@ pub enum RigBuildError {
          (geometry_msgs/PointStamped in left_camera_optical_frame)"
     )]
     NoMarker,
+    /// The cameras show no pairs of images.
+    #[error("no pairs of images: {problem}")]
+    NoImages {
+        /// What keeps them from coming.
+        problem: String,
+    },
     /// A device.
     #[error(transparent)]
     Device(#[from] hal::Error),

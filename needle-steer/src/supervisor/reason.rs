@@ -32,10 +32,12 @@ pub enum StopReason {
         age_s: f64,
     },
     /// No image for too long.
-    #[error("no image for {age_s:.3} s")]
+    #[error("no image for {age_s:.3} s{}", problem.as_ref().map(|p| format!(": {p}")).unwrap_or_default())]
     ImageTimeout {
         /// Age of the newest image \[s\].
         age_s: f64,
+        /// What keeps images from coming, where the cameras know it.
+        problem: Option<String>,
     },
     /// Images came, but no needle was found in them for too long.
     #[error("the needle was not found in the images for {age_s:.3} s: {problem}")]
@@ -186,8 +188,12 @@ pub(crate) fn in_words(fault: FaultReason, words: Option<&str>) -> String {
 impl StopReason {
     /// The same with the arm's words, if it is a fault of the arm.
     #[must_use]
-    pub fn explained(self, by_arm: Option<String>) -> Self {
+    pub fn explained(self, by_arm: Option<String>, by_cameras: Option<String>) -> Self {
         match self {
+            Self::ImageTimeout { age_s, problem } => Self::ImageTimeout {
+                age_s,
+                problem: problem.or(by_cameras),
+            },
             Self::ArmFault { fault, words } => Self::ArmFault {
                 fault,
                 words: words.or(by_arm),

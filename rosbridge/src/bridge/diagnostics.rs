@@ -18,16 +18,23 @@ pub(super) struct Reading {
     pub(super) is_fresh: bool,
 }
 
-/// One status each for the run, the arm, the tracking and the bridge.
+/// One status each for the run, the arm, the tracking, the bridge and each device that says what it
+/// waits for.
 pub(super) fn message(
     latest: Option<&Telemetry>,
     arm: Option<Reading>,
+    devices: &[(String, Option<String>)],
     stamp: Stamp,
     node: &str,
     dropped: u64,
 ) -> DiagnosticArray {
     let node = node.trim_start_matches('/');
     let mut status = vec![bridge(dropped), report(arm)];
+    status.extend(
+        devices
+            .iter()
+            .map(|(device, doubt)| waiting(device, doubt.as_deref())),
+    );
     if let Some(t) = latest {
         status.extend([run(t), tracking(t)]);
     }
@@ -105,6 +112,11 @@ fn report(arm: Option<Reading>) -> DiagnosticStatus {
         _ => DiagnosticStatus::OK,
     };
     status(level, "arm", format!("{mode:?}"), &values)
+}
+
+fn waiting(device: &str, doubt: Option<&str>) -> DiagnosticStatus {
+    let level = doubt.map_or(DiagnosticStatus::OK, |_| DiagnosticStatus::ERROR);
+    status(level, device, doubt.unwrap_or("ready").to_owned(), &[])
 }
 
 fn tracking(t: &Telemetry) -> DiagnosticStatus {

@@ -7,7 +7,7 @@
 //! |---|---|---|
 //! | `joint_states` | `sensor_msgs/JointState` | 100 Hz, while the arm reports |
 //! | `/tf` (tip below the needle's base) | `tf2_msgs/TFMessage` | 50 Hz |
-//! | `/tf_static` (world, cameras; latched) | `tf2_msgs/TFMessage` | once |
+//! | `/tf_static` (world, cameras; latched) | `tf2_msgs/TFMessage` | 1 Hz |
 //! | `needle/tip` | `geometry_msgs/PoseStamped` | 50 Hz |
 //! | `needle/state` | `needle_steer_msgs/State` | 50 Hz |
 //! | `needle/markers` | `visualization_msgs/MarkerArray` | 20 Hz |

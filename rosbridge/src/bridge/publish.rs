@@ -30,7 +30,8 @@ pub(super) struct Publisher {
     clock: Option<Outlet<rosgraph_msgs::Clock>>,
     joint_states: Option<Outlet<sensor_msgs::JointState>>,
     tf: Outlet<tf2_msgs::TFMessage>,
-    _tf_static: Outlet<tf2_msgs::TFMessage>,
+    tf_static: Outlet<tf2_msgs::TFMessage>,
+    still: tf2_msgs::TFMessage,
     tip: Outlet<geometry_msgs::PoseStamped>,
     state: Outlet<needle_steer_msgs::State>,
     markers: Outlet<visualization_msgs::MarkerArray>,
@@ -113,13 +114,15 @@ impl Publisher {
             None
         };
         let tf_static = Outlet::new(node, "/tf_static", 10, true)?;
-        tf_static.send(still(&options.frames, node.clock().ros_stamp(Stamp::ZERO)));
+        let still = still(&options.frames, node.clock().ros_stamp(Stamp::ZERO));
+        tf_static.send(still.clone());
         Ok(Self {
             joint_names: options.joint_names,
             clock,
             joint_states,
             tf: Outlet::new(node, "/tf", 50, false)?,
-            _tf_static: tf_static,
+            tf_static,
+            still,
             tip: Outlet::new(node, "needle/tip", 10, false)?,
             state: Outlet::new(node, "needle/state", 10, false)?,
             markers: Outlet::new(node, "needle/markers", 2, false)?,
@@ -256,11 +259,15 @@ impl Publisher {
             let message = diagnostics::message(
                 self.latest.as_deref(),
                 arm,
+                &self.node.doubts(),
                 stamp,
                 self.node.name(),
                 dropped,
             );
             self.diagnostics.send(message);
+            // rosrust does not tell recorders that a topic is latched: a bag that is played would
+            // have it once, before most subscribers come.
+            self.tf_static.send(self.still.clone());
         }
         if self.is_simulated() || !self.joints.is_some_and(|joints| joints.is_fresh()) {
             return;

@@ -12,7 +12,8 @@ use crate::codes::Code;
 use crate::convert;
 use crate::laboratory::{LABORATORY, SHAPES};
 use crate::lockstep::ADVANCE;
-use crate::msg::needle_steer_msgs::{Advance, Shape, World};
+use crate::msg::needle_steer_lockstep::{Advance, World};
+use crate::msg::needle_steer_msgs::Shape;
 use crate::msg::{rosgraph_msgs, sensor_msgs};
 use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, TimeBase};
 

@@ -20,6 +20,7 @@ use super::topic::{
 };
 use super::{Level, Record, RunInfo};
 use crate::convert::{self, ConvertError};
+use crate::image::{self, Depth};
 use crate::msg::{needle_steer_msgs, rosgraph_msgs, sensor_msgs};
 
 /// Most that is read at once \[bytes\]: a damaged length asks for all memory.
@@ -338,11 +339,11 @@ impl State<'_> {
                 Record::Shape((&message).try_into().map_err(content)?)
             }
             Topic::Left => {
-                *self.left = Some(image(topic, at, data)?);
+                *self.left = Some(camera_frame(topic, at, data)?);
                 return Ok(Event::Nothing);
             }
             Topic::Right => {
-                let right = image(topic, at, data)?;
+                let right = camera_frame(topic, at, data)?;
                 let left = self.left.take().ok_or(ReadError::UnpairedImage { at })?;
                 Record::Stereo(StereoFrame { left, right })
             }
@@ -385,7 +386,7 @@ fn decode<M: RosMsg>(topic: Topic, at: u64, mut data: &[u8]) -> Result<M, ReadEr
     }
 }
 
-fn image(topic: Topic, at: u64, data: &[u8]) -> Result<CameraFrame, ReadError> {
+fn camera_frame(topic: Topic, at: u64, data: &[u8]) -> Result<CameraFrame, ReadError> {
     let name = TOPICS[topic as usize].name;
     if !pixels_fill(data) {
         return Err(ReadError::Decode {
@@ -395,10 +396,10 @@ fn image(topic: Topic, at: u64, data: &[u8]) -> Result<CameraFrame, ReadError> {
         });
     }
     let message: sensor_msgs::Image = decode(topic, at, data)?;
-    convert::from_image(message).map_err(|problem| ReadError::Content {
+    image::grey(message, &mut Depth::default()).map_err(|problem| ReadError::Content {
         topic: name,
         at,
-        problem,
+        problem: problem.into(),
     })
 }
 

@@ -146,7 +146,11 @@ struct Inner {
     watch: Watch,
     life: Life,
     clock: NodeClock,
+    doubts: Mutex<Vec<(String, Doubt)>>,
 }
+
+/// Says in words what a device behind the node waits for, if anything.
+type Doubt = Box<dyn Fn() -> Option<String> + Send>;
 
 /// A node, without keeping it alive.
 #[derive(Clone)]
@@ -257,8 +261,26 @@ impl Node {
                     base: options.time,
                     told: Arc::default(),
                 },
+                doubts: Mutex::default(),
             }),
         })
+    }
+
+    /// Has `/diagnostics` ask a device what it waits for. `doubt` is not to hold this node.
+    pub(crate) fn ask_about(
+        &self,
+        device: &str,
+        doubt: impl Fn() -> Option<String> + Send + 'static,
+    ) {
+        lock(&self.inner.doubts).push((device.to_owned(), Box::new(doubt)));
+    }
+
+    /// The devices that are asked, and what each waits for.
+    pub(crate) fn doubts(&self) -> Vec<(String, Option<String>)> {
+        lock(&self.inner.doubts)
+            .iter()
+            .map(|(device, doubt)| (device.clone(), doubt()))
+            .collect()
     }
 
     /// Full name of the node.

@@ -1,0 +1,332 @@
+//! `sensor_msgs/Image` in the encodings of common drivers, as a grey image of 8 bits.
+
+use hal::{CameraFrame, GrayImage};
+
+use crate::convert;
+use crate::msg::sensor_msgs;
+
+/// An image message that cannot be read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ImageRefused {
+    /// The encoding is not known here.
+    #[error("encoding {encoding:?}; taken are {}", names())]
+    Encoding {
+        /// As the message names it.
+        encoding: String,
+    },
+    /// `step` is less than a row of pixels needs.
+    #[error("step {step} for {width_px} px of {encoding}, which need {needed} bytes")]
+    Step {
+        /// Bytes from row to row.
+        step: u32,
+        /// Width \[px\].
+        width_px: u32,
+        /// The encoding.
+        encoding: String,
+        /// Bytes of a row of pixels.
+        needed: usize,
+    },
+    /// Fewer bytes than the rows need.
+    #[error("{bytes} bytes for {height_px} rows of {step} bytes")]
+    Short {
+        /// Bytes of pixels.
+        bytes: usize,
+        /// Height \[px\].
+        height_px: u32,
+        /// Bytes from row to row.
+        step: u32,
+    },
+}
+
+/// How the bytes of a pixel make its grey value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Layout {
+    /// One byte.
+    Byte,
+    /// Two bytes, of which cameras of 10 or 12 bits fill the lower ones.
+    Word,
+    /// `bytes` a pixel, red, green and blue at these of them.
+    Colour { bytes: usize, rgb: [usize; 3] },
+    /// One colour a pixel, in squares of two by two.
+    Mosaic,
+}
+
+/// Names of `sensor_msgs/image_encodings.h`.
+const ENCODINGS: [(&str, Layout); 14] = [
+    ("mono8", Layout::Byte),
+    ("8UC1", Layout::Byte),
+    ("mono16", Layout::Word),
+    ("16UC1", Layout::Word),
+    ("rgb8", colour(3, [0, 1, 2])),
+    ("bgr8", colour(3, [2, 1, 0])),
+    ("8UC3", colour(3, [2, 1, 0])),
+    ("rgba8", colour(4, [0, 1, 2])),
+    ("bgra8", colour(4, [2, 1, 0])),
+    ("8UC4", colour(4, [2, 1, 0])),
+    ("bayer_rggb8", Layout::Mosaic),
+    ("bayer_bggr8", Layout::Mosaic),
+    ("bayer_gbrg8", Layout::Mosaic),
+    ("bayer_grbg8", Layout::Mosaic),
+];
+
+/// Weights of red, green and blue in 1/256: ITU-R BT.601 luma, as `cv_bridge` converts.
+const LUMA: [u32; 3] = [77, 150, 29];
+
+const fn colour(bytes: usize, rgb: [usize; 3]) -> Layout {
+    Layout::Colour { bytes, rgb }
+}
+
+fn names() -> String {
+    ENCODINGS.map(|(name, _)| name).join(", ")
+}
+
+impl Layout {
+    const fn bytes(self) -> usize {
+        match self {
+            Self::Byte | Self::Mosaic => 1,
+            Self::Word => 2,
+            Self::Colour { bytes, .. } => bytes,
+        }
+    }
+}
+
+/// Significant bits of a camera's 16-bit pixels, learnt from what it sends: 8 to 16, never fewer
+/// than before, so that grey values keep their scale.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Depth(u32);
+
+impl Default for Depth {
+    fn default() -> Self {
+        Self(u8::BITS)
+    }
+}
+
+impl Depth {
+    /// Grey values of 8 bits of these pixels.
+    fn grey(&mut self, words: &[u16]) -> Vec<u8> {
+        let brightest = words.iter().copied().max().unwrap_or_default();
+        // 10, 12, 14 or 16 bits: cameras have no odd numbers of them.
+        let bits = (u16::BITS - brightest.leading_zeros()).next_multiple_of(2);
+        self.0 = self.0.max(bits);
+        let shift = self.0 - u8::BITS;
+        words.iter().map(|word| (word >> shift) as u8).collect()
+    }
+}
+
+/// The image in grey.
+///
+/// # Errors
+/// An unknown encoding, or bytes that do not make the image.
+pub(crate) fn grey(
+    message: sensor_msgs::Image,
+    depth: &mut Depth,
+) -> Result<CameraFrame, ImageRefused> {
+    let layout = ENCODINGS
+        .iter()
+        .find(|(name, _)| *name == message.encoding)
+        .map(|(_, layout)| *layout);
+    let Some(layout) = layout else {
+        return Err(ImageRefused::Encoding {
+            encoding: message.encoding,
+        });
+    };
+    let (width, height) = (message.width as usize, message.height as usize);
+    let (step, needed) = (message.step as usize, width * layout.bytes());
+    if step < needed {
+        return Err(ImageRefused::Step {
+            step: message.step,
+            width_px: message.width,
+            encoding: message.encoding,
+            needed,
+        });
+    }
+    // The last row may end without its padding.
+    let least = step * height.saturating_sub(1) + if height > 0 { needed } else { 0 };
+    let short = ImageRefused::Short {
+        bytes: message.data.len(),
+        height_px: message.height,
+        step: message.step,
+    };
+    if message.data.len() < least {
+        return Err(short);
+    }
+    let is_plain = layout == Layout::Byte && step == width && message.data.len() == width * height;
+    let big = message.is_bigendian != 0;
+    let (stamp, sequence) = (
+        convert::stamp(message.header.stamp),
+        u64::from(message.header.seq),
+    );
+    let pixels = if is_plain {
+        message.data
+    } else {
+        let rows = (0..height).flat_map(|y| &message.data[y * step..y * step + needed]);
+        match layout {
+            Layout::Byte => rows.copied().collect(),
+            Layout::Mosaic => demosaiced(&rows.copied().collect::<Vec<u8>>(), width, height),
+            Layout::Word => {
+                let bytes: Vec<u8> = rows.copied().collect();
+                let words: Vec<u16> = bytes
+                    .as_chunks()
+                    .0
+                    .iter()
+                    .map(|&pair| {
+                        if big {
+                            u16::from_be_bytes(pair)
+                        } else {
+                            u16::from_le_bytes(pair)
+                        }
+                    })
+                    .collect();
+                depth.grey(&words)
+            }
+            Layout::Colour { bytes, rgb } => {
+                let all: Vec<u8> = rows.copied().collect();
+                all.chunks_exact(bytes)
+                    .map(|pixel| {
+                        let sum: u32 = rgb
+                            .iter()
+                            .zip(LUMA)
+                            .map(|(&at, weight)| u32::from(pixel[at]) * weight)
+                            .sum();
+                        (sum >> u8::BITS) as u8
+                    })
+                    .collect()
+            }
+        }
+    };
+    Ok(CameraFrame {
+        stamp,
+        sequence,
+        image: GrayImage::from_pixels(width, height, pixels)
+            .map_err(|_| short)?
+            .into(),
+    })
+}
+
+/// Grey values of a colour mosaic: the weights 1 2 1 across and down hold each colour of the square
+/// in its share, whichever pixel is in the middle. No place is shifted by it.
+fn demosaiced(mosaic: &[u8], width: usize, height: usize) -> Vec<u8> {
+    // Mirrored at the border, so that the colours alternate there too.
+    let before = |i: usize, n: usize| if i == 0 { 1.min(n - 1) } else { i - 1 };
+    let after = |i: usize, n: usize| {
+        if i + 1 == n {
+            n.saturating_sub(2)
+        } else {
+            i + 1
+        }
+    };
+    let mut grey = Vec::with_capacity(mosaic.len());
+    for y in 0..height {
+        let rows = [before(y, height), y, after(y, height)];
+        for x in 0..width {
+            let columns = [before(x, width), x, after(x, width)];
+            let mut sum = 0_u32;
+            for (row, across) in rows.iter().zip([1, 2, 1]) {
+                for (column, along) in columns.iter().zip([1, 2, 1]) {
+                    sum += across * along * u32::from(mosaic[row * width + column]);
+                }
+            }
+            grey.push((sum >> 4) as u8);
+        }
+    }
+    grey
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A gradient of 5 x 3 px in an encoding; `pixel` gives the bytes for a grey value.
+    fn message(
+        encoding: &str,
+        padding: usize,
+        pixel: &dyn Fn(u8) -> Vec<u8>,
+    ) -> sensor_msgs::Image {
+        let mut data = Vec::new();
+        let mut step = 0;
+        for y in 0..3 {
+            let row: Vec<u8> = (0..5).flat_map(|x| pixel(value(x, y))).collect();
+            step = row.len() + padding;
+            data.extend(row);
+            data.extend(vec![7; padding]);
+        }
+        sensor_msgs::Image {
+            width: 5,
+            height: 3,
+            step: u32::try_from(step).unwrap(),
+            encoding: encoding.to_owned(),
+            data,
+            ..sensor_msgs::Image::default()
+        }
+    }
+
+    fn value(x: u8, y: u8) -> u8 {
+        16 * x + 64 * y
+    }
+
+    fn largest_difference(frame: &CameraFrame) -> u8 {
+        (0..3)
+            .flat_map(|y| (0..5).map(move |x| (x, y)))
+            .map(|(x, y)| frame.image.row(usize::from(y))[usize::from(x)].abs_diff(value(x, y)))
+            .max()
+            .unwrap()
+    }
+
+    #[test]
+    fn every_encoding_gives_the_same_grey_image_with_and_without_padding() {
+        for (encoding, layout) in ENCODINGS {
+            for padding in [0, 3] {
+                // The order of two bytes: the lower first.
+                let pixel = |v: u8| match layout {
+                    Layout::Byte | Layout::Mosaic => vec![v],
+                    Layout::Word => vec![v, v],
+                    Layout::Colour { bytes, .. } => vec![v; bytes],
+                };
+                let image = message(encoding, padding, &pixel);
+                let frame = grey(image, &mut Depth::default()).unwrap();
+                // A mosaic's border sees its mirror image: half a step of the gradient.
+                let tolerance = if layout == Layout::Mosaic { 40 } else { 1 };
+                let worst = largest_difference(&frame);
+                assert!(worst <= tolerance, "{encoding} + {padding}: {worst}");
+            }
+        }
+    }
+
+    #[test]
+    fn red_green_and_blue_are_told_apart() {
+        let red = |encoding: &str, pixel: [u8; 3]| {
+            let image = message(encoding, 0, &|_| pixel.to_vec());
+            grey(image, &mut Depth::default()).unwrap().image.pixels()[0]
+        };
+        assert_eq!(red("rgb8", [200, 0, 0]), 60, "0.299 of red");
+        assert_eq!(red("bgr8", [0, 0, 200]), 60);
+        assert_eq!(red("bgr8", [200, 0, 0]), 22, "0.114 of blue");
+    }
+
+    #[test]
+    fn twelve_bits_in_sixteen_fill_the_grey_scale_and_keep_it() {
+        let mut depth = Depth::default();
+        let twelve = |v: u8| (u16::from(v) << 4).to_le_bytes().to_vec();
+        let frame = grey(message("mono16", 0, &twelve), &mut depth).unwrap();
+        assert_eq!(largest_difference(&frame), 0);
+        // A darker image after it has the same scale.
+        let dark = |v: u8| (u16::from(v) << 1).to_le_bytes().to_vec();
+        let frame = grey(message("mono16", 0, &dark), &mut depth).unwrap();
+        assert_eq!(frame.image.row(1)[4], value(4, 1) >> 3);
+    }
+
+    #[test]
+    fn what_cannot_be_read_says_what_is_wrong() {
+        let refused = |image| grey(image, &mut Depth::default()).unwrap_err().to_string();
+        let text = refused(message("yuv422", 0, &|v| vec![v, v]));
+        assert!(text.contains("yuv422") && text.contains("bgr8"), "{text}");
+        let mut narrow = message("bgr8", 0, &|v| vec![v; 3]);
+        narrow.step = 5;
+        let text = refused(narrow);
+        assert!(text.contains("step 5") && text.contains("15"), "{text}");
+        let mut short = message("mono8", 0, &|v| vec![v]);
+        short.data.truncate(9);
+        let text = refused(short);
+        assert!(text.contains("9 bytes"), "{text}");
+    }
+}
