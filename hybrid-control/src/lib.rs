@@ -32,7 +32,7 @@ pub mod settings;
 mod workspace;
 
 pub use estimator::{Estimator, EstimatorError, Health, Observation, Rollout, Start};
-pub use laws::{LAW_NAMES, LawError, law_by_name};
+pub use laws::{LAW_NAMES, LawError, guarded, law_by_name};
 pub use motion::{TissueField, TissueMotion, TissueSway};
 pub use reach::{
     Means, ReachMonitor, Unreachable, lateral_error, reachable_at_start, target_ahead,

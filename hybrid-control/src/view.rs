@@ -140,6 +140,9 @@ pub struct View<'a> {
     pub world_from_base: Isometry3<f64>,
     /// Springs model; `None` when it did not converge.
     pub springs: Option<Springs>,
+    /// The needle by the springs model, from the base to the tip, in World \[m\]; nothing
+    /// while it has no equilibrium.
+    pub shape: &'a [Vector3<f64>],
     /// The estimator, with the predictive model.
     pub estimator: &'a Estimator,
     /// Travel left for spinning.
@@ -247,8 +250,8 @@ pub(crate) fn blank_report() -> LawReport {
 /// * The twist respects the speeds of [`Limits`] and the roll travel of the view.
 /// * State is advanced by `view.dt` a call.
 pub trait Law: Send {
-    /// The name by which configurations select it.
-    fn name(&self) -> &'static str;
+    /// The name by which configurations select it, and results name it.
+    fn name(&self) -> &str;
 
     /// The base twist from now on.
     fn decide(&mut self, view: &View<'_>) -> Decision;

@@ -66,6 +66,7 @@ proptest! {
             depth: 0.01,
             world_from_base: base,
             springs: Some(springs),
+            shape: &[],
             estimator: &estimator,
             roll_travel: RollTravel { positive: travel, negative: 7.0 - travel },
             limits: &limits,

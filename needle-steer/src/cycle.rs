@@ -151,6 +151,11 @@ impl Cycle {
         self.law = law;
     }
 
+    /// The name of the law that steers.
+    pub fn law_name(&self) -> &str {
+        self.law.name()
+    }
+
     /// Sets the target, in the stereo frame, and prepares the law for it. Where the target is a
     /// marker the cycle goes on following that.
     pub fn set_target(&mut self, target: Position<LeftCamera>) {
@@ -352,6 +357,11 @@ impl Cycle {
             depth: self.estimator.depth().max(0.0),
             world_from_base: *base,
             springs: springs.copied(),
+            shape: if springs.is_some() {
+                &self.telemetry.model.shape
+            } else {
+                &[]
+            },
             estimator: &self.estimator,
             roll_travel: roll_travel(&self.bearings, snapshot.arm),
             limits: &self.limits_at_rest,

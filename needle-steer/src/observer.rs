@@ -54,3 +54,54 @@ pub struct Unobserved;
 impl Observer for Unobserved {
     fn step(&mut self, _: &Telemetry) {}
 }
+
+/// Two observers of one run.
+pub struct Both<'a>(pub &'a mut dyn Observer, pub &'a mut dyn Observer);
+
+impl core::fmt::Debug for Both<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("Both")
+    }
+}
+
+impl Observer for Both<'_> {
+    fn start(&mut self, arm: &ArmState) {
+        self.0.start(arm);
+        self.1.start(arm);
+    }
+
+    fn step(&mut self, telemetry: &Telemetry) {
+        self.0.step(telemetry);
+        self.1.step(telemetry);
+    }
+
+    fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
+        self.0.inputs(arm, shape);
+        self.1.inputs(arm, shape);
+    }
+
+    fn arm(&mut self, state: &ArmState) {
+        self.0.arm(state);
+        self.1.arm(state);
+    }
+
+    fn images(&mut self, pair: &StereoFrame, tracked: &Tracked) {
+        self.0.images(pair, tracked);
+        self.1.images(pair, tracked);
+    }
+
+    fn timed(&mut self, step: Duration) {
+        self.0.timed(step);
+        self.1.timed(step);
+    }
+
+    fn marker(&mut self, marker: &SensedMarker) {
+        self.0.marker(marker);
+        self.1.marker(marker);
+    }
+
+    fn command(&mut self, command: &RateCommand) {
+        self.0.command(command);
+        self.1.command(command);
+    }
+}

@@ -15,7 +15,7 @@ use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::holds::Holds;
 use crate::monitor::{Freshness, Monitor};
-pub use crate::observer::{Observer, Unobserved};
+pub use crate::observer::{Both, Observer, Unobserved};
 use crate::outcome::{Cause, Ended, Events, Summary};
 use crate::passing::Passing;
 use crate::progress::Progress;
@@ -88,7 +88,7 @@ pub fn run_with_law(
     controls: &Controls,
 ) -> Result<Summary, RunError> {
     let mut insertion = Insertion::begin(config, rig)?;
-    insertion.cycle.set_law(law);
+    insertion.set_law(law);
     insertion.carry_out(config, observer, controls)
 }
 
@@ -184,6 +184,11 @@ impl<'a> Insertion<'a> {
         let request = withdrawal::Request::of_run(&mut self.path, self.cycle.telemetry().step);
         let record = record.unwrap_or_default();
         withdrawal::withdraw(config, self.rig, request, observer, controls, record)
+    }
+
+    /// Steers with `law` instead of the configuration's; the summary names it.
+    pub fn set_law(&mut self, law: Box<dyn Law>) {
+        self.cycle.set_law(law);
     }
 
     /// The newest telemetry.

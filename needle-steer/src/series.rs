@@ -59,10 +59,35 @@ impl Series {
     }
 }
 
-/// Header of the CSV, in the order of [`Row`].
-const HEADER: &str = "t_s,depth_mm,lateral_error_mm,true_lateral_error_mm,predicted_miss_mm,\
-base_x_mm,base_y_mm,base_z_mm,tilt_deg,roll_deg,stiffness_n_per_m2,mean_stretch_mm,\
-true_mean_stretch_mm,mode,duty_cycle,limits,advance_mm";
+/// Names of the columns of the CSV, in the order of [`Row::cells`].
+pub const COLUMNS: [&str; 17] = [
+    "t_s",
+    "depth_mm",
+    "lateral_error_mm",
+    "true_lateral_error_mm",
+    "predicted_miss_mm",
+    "base_x_mm",
+    "base_y_mm",
+    "base_z_mm",
+    "tilt_deg",
+    "roll_deg",
+    "stiffness_n_per_m2",
+    "mean_stretch_mm",
+    "true_mean_stretch_mm",
+    "mode",
+    "duty_cycle",
+    "limits",
+    "advance_mm",
+];
+
+/// One field of a row.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cell {
+    /// A number; not finite where it is not known.
+    Number(f64),
+    /// Words.
+    Words(String),
+}
 
 impl Row {
     fn new(telemetry: &Telemetry, start: &Telemetry, advance: f64) -> Self {
@@ -92,6 +117,30 @@ impl Row {
             limits: telemetry.law.limits.clone(),
         }
     }
+
+    /// The fields in the order of [`COLUMNS`].
+    pub fn cells(&self) -> [Cell; COLUMNS.len()] {
+        let limits: Vec<String> = self.limits.iter().map(|l| format!("{l:?}")).collect();
+        [
+            Cell::Number(self.t_s),
+            Cell::Number(self.depth_mm),
+            Cell::Number(self.lateral_error_mm),
+            Cell::Number(self.true_lateral_error_mm),
+            Cell::Number(self.predicted_miss_mm),
+            Cell::Number(self.base_mm.x),
+            Cell::Number(self.base_mm.y),
+            Cell::Number(self.base_mm.z),
+            Cell::Number(self.tilt_deg),
+            Cell::Number(self.roll_deg),
+            Cell::Number(self.stiffness),
+            Cell::Number(self.mean_stretch_mm),
+            Cell::Number(self.true_mean_stretch_mm),
+            Cell::Words(format!("{:?}", self.mode)),
+            Cell::Number(self.duty_cycle),
+            Cell::Words(limits.join(" ")),
+            Cell::Number(self.advance_mm),
+        ]
+    }
 }
 
 /// Writes all rows as CSV; a number that is not known stands as an empty field.
@@ -99,43 +148,19 @@ impl Row {
 /// # Errors
 /// The writer fails.
 pub fn write_csv(rows: &[Row], mut writer: impl Write) -> std::io::Result<()> {
-    writeln!(writer, "{HEADER}")?;
+    writeln!(writer, "{}", COLUMNS.join(","))?;
     for row in rows {
-        let numbers = [
-            row.t_s,
-            row.depth_mm,
-            row.lateral_error_mm,
-            row.true_lateral_error_mm,
-            row.predicted_miss_mm,
-            row.base_mm.x,
-            row.base_mm.y,
-            row.base_mm.z,
-            row.tilt_deg,
-            row.roll_deg,
-            row.stiffness,
-            row.mean_stretch_mm,
-            row.true_mean_stretch_mm,
-        ];
-        for number in numbers {
-            write_number(&mut writer, number)?;
-            writer.write_all(b",")?;
+        for (k, cell) in row.cells().iter().enumerate() {
+            if k > 0 {
+                writer.write_all(b",")?;
+            }
+            match cell {
+                Cell::Number(number) if number.is_finite() => write!(writer, "{number}")?,
+                Cell::Number(_) => {}
+                Cell::Words(words) => writer.write_all(words.as_bytes())?,
+            }
         }
-        write!(writer, "{:?},", row.mode)?;
-        write_number(&mut writer, row.duty_cycle)?;
-        for (k, limit) in row.limits.iter().enumerate() {
-            write!(writer, "{}{limit:?}", if k == 0 { "," } else { " " })?;
-        }
-        writer.write_all(if row.limits.is_empty() { b",," } else { b"," })?;
-        write_number(&mut writer, row.advance_mm)?;
         writer.write_all(b"\n")?;
     }
     writer.flush()
-}
-
-fn write_number(writer: &mut impl Write, number: f64) -> std::io::Result<()> {
-    if number.is_finite() {
-        write!(writer, "{number}")
-    } else {
-        Ok(())
-    }
 }

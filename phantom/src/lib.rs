@@ -13,6 +13,7 @@ pub mod view;
 pub mod truth;
 pub mod plant;
 pub mod needle;
+pub mod given;
 pub mod draw;
 pub mod robot;
 pub mod sensor;
@@ -33,6 +34,7 @@ mod twist;
 
 pub use bench::{Bench, Setup};
 pub use draw::Draw;
+pub use given::{GivenPlant, ShapeSource};
 pub use marker::SensedMarker;
 pub use needle::RodPlant;
 pub use plant::Plant;

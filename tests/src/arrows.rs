@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::Command;
 
-pub(crate) const MEMBERS: [&str; 9] = [
+pub(crate) const MEMBERS: [&str; 10] = [
     "hal",
     "needle-model",
     "hybrid-control",
@@ -13,6 +13,7 @@ pub(crate) const MEMBERS: [&str; 9] = [
     "phantom",
     "rosbridge",
     "needle-steer",
+    "python",
     "tests",
 ];
 
@@ -23,6 +24,8 @@ fn allowed(member: &str) -> &'static [&'static str] {
         "vision" | "robots" | "phantom" | "rosbridge" => &["hal"],
         // The application may use every library; they stand before it.
         "needle-steer" => &MEMBERS[..7],
+        // A layer over the application.
+        "python" => &MEMBERS[..8],
         _ => &[],
     }
 }

@@ -11,6 +11,7 @@ mod tip_only;
 
 use crate::settings::{LawSettings, PaperSettings};
 use crate::view::Law;
+pub use guard::guarded;
 
 /// Names of all laws.
 pub const LAW_NAMES: [&str; 7] = [
@@ -65,21 +66,22 @@ pub fn law_by_name(name: &str, settings: &LawSettings) -> Result<Box<dyn Law>, L
         natural_curvature_per_m: paper.natural_curvature_per_m,
         ..PaperSettings::verbatim()
     };
-    Ok(match name {
-        "none" => guard::guarded(none::Straight),
-        "tip-only" => guard::guarded(tip_only::TipOnly::new(paper)),
-        "base-only" => guard::guarded(base_only::BaseOnly::new(paper)),
-        "paper" => guard::guarded(paper::Paper::new("paper", paper)),
-        "paper-verbatim" => guard::guarded(paper::Paper::new("paper-verbatim", &verbatim)),
-        "broyden" => guard::guarded(broyden::Broyden::new(&settings.broyden)),
-        "hybrid" => guard::guarded(hybrid::Hybrid::new(&settings.hybrid)),
+    let law: Box<dyn Law> = match name {
+        "none" => Box::new(none::Straight),
+        "tip-only" => Box::new(tip_only::TipOnly::new(paper)),
+        "base-only" => Box::new(base_only::BaseOnly::new(paper)),
+        "paper" => Box::new(paper::Paper::new("paper", paper)),
+        "paper-verbatim" => Box::new(paper::Paper::new("paper-verbatim", &verbatim)),
+        "broyden" => Box::new(broyden::Broyden::new(&settings.broyden)),
+        "hybrid" => Box::new(hybrid::Hybrid::new(&settings.hybrid)),
         _ => {
             return Err(LawError::UnknownLaw {
                 name: name.to_owned(),
                 suggestion: nearest(name),
             });
         }
-    })
+    };
+    Ok(guarded(law))
 }
 
 /// The known name within three edits, if there is one.

@@ -213,6 +213,7 @@ pub(crate) fn insert(case: &Case<'_>) -> Outcome {
                 depth: plant.depth,
                 world_from_base: base,
                 springs: needs_springs.then(|| springs(&plant, &base, estimator.stiffness().0)),
+                shape: &[],
                 estimator: &estimator,
                 roll_travel: RollTravel {
                     positive: RANGE - roll,

@@ -81,25 +81,50 @@ pub fn execute(
     controls: &Controls,
     progress: impl Fn() + Sync,
 ) -> Result<(), Failure> {
+    let ledger = Mutex::new(ledger);
+    let keep = |_, row: Row| {
+        let mut ledger = ledger.lock().unwrap_or_else(PoisonError::into_inner);
+        ledger.add(&row)?;
+        progress();
+        Ok::<(), LedgerError>(())
+    };
+    each(plan, runs, jobs, controls, keep)?;
+    if controls.is_interrupted() {
+        return Err(Failure::Interrupted);
+    }
+    Ok(())
+}
+
+/// Carries out `runs` on `jobs` threads and hands each row with its place in `runs` to `keep`, from
+/// whichever thread has it. After an interruption rows are missing.
+///
+/// # Errors
+/// The first of `keep`; no run begins after it.
+pub fn each<E: Send>(
+    plan: &Plan,
+    runs: &[u64],
+    jobs: usize,
+    controls: &Controls,
+    keep: impl Fn(usize, Row) -> Result<(), E> + Sync,
+) -> Result<(), E> {
     let next = AtomicUsize::new(0);
     let stop = AtomicBool::new(false);
-    let ledger = Mutex::new((ledger, None));
+    let failed = Mutex::new(None);
     let work = || {
         while !stop.load(Ordering::Relaxed) && !controls.is_interrupted() {
-            let Some(&run) = runs.get(next.fetch_add(1, Ordering::Relaxed)) else {
+            let place = next.fetch_add(1, Ordering::Relaxed);
+            let Some(&run) = runs.get(place) else {
                 return;
             };
-            let task = plan.task(run);
-            let Some(row) = carry_out(&plan.config(&task), &task, controls) else {
+            let Some(row) = carry_out(plan, &plan.task(run), controls) else {
                 return;
             };
-            let mut ledger = ledger.lock().unwrap_or_else(PoisonError::into_inner);
-            if let Err(error) = ledger.0.add(&row) {
-                ledger.1.get_or_insert(error);
+            if let Err(error) = keep(place, row) {
+                let mut failed = failed.lock().unwrap_or_else(PoisonError::into_inner);
+                failed.get_or_insert(error);
                 stop.store(true, Ordering::Relaxed);
                 return;
             }
-            progress();
         }
     };
     std::thread::scope(|scope| {
@@ -107,17 +132,13 @@ pub fn execute(
             scope.spawn(work);
         }
     });
-    let (_, error) = ledger.into_inner().unwrap_or_else(PoisonError::into_inner);
-    match error {
-        Some(error) => Err(error.into()),
-        None if controls.is_interrupted() => Err(Failure::Interrupted),
-        None => Ok(()),
-    }
+    let failed = failed.into_inner().unwrap_or_else(PoisonError::into_inner);
+    failed.map_or(Ok(()), Err)
 }
 
 /// One run's row; nothing where the user stopped it.
-fn carry_out(config: &Config, task: &Task<'_>, controls: &Controls) -> Option<Row> {
-    match one(config, controls) {
+fn carry_out(plan: &Plan, task: &Task<'_>, controls: &Controls) -> Option<Row> {
+    match one(&plan.config(task), controls) {
         Ok(summary) if summary.ended == Ended::Interrupted => None,
         Ok(summary) => Some(Row::new(task, &summary)),
         Err(error) => Some(Row::failed(task, &error.to_string())),

@@ -73,6 +73,14 @@ pub const COLUMNS: [&str; 19] = [
     "events",
 ];
 
+/// A campaign's table: heading, then `lines` of rows in the order of their runs.
+pub fn table<'a>(lines: impl IntoIterator<Item = &'a str>) -> String {
+    let mut table = COLUMNS.join(",");
+    table.push('\n');
+    table.extend(lines);
+    table
+}
+
 impl Row {
     /// The row of a run that ended with a verdict.
     pub fn new(task: &Task<'_>, summary: &Summary) -> Self {
@@ -142,6 +150,14 @@ impl Row {
         writer.flush()?;
         drop(writer);
         Ok(line)
+    }
+
+    /// As [`Row::line`], as text.
+    ///
+    /// # Errors
+    /// None that memory does not give.
+    pub fn text(&self) -> Result<String, csv::Error> {
+        String::from_utf8(self.line()?).map_err(|e| std::io::Error::other(e).into())
     }
 
     /// Reads one line of CSV.

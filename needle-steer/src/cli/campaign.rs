@@ -11,15 +11,15 @@ use anyhow::Context;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::results::replace;
 use super::run::interrupt_flag;
 use super::{Usage, print_json};
 use crate::campaign::compare::conclude;
 use crate::campaign::execute::{self, Shard};
 use crate::campaign::ledger::collect;
-use crate::campaign::table::COLUMNS;
+use crate::campaign::table::table;
 use crate::campaign::{Conclusions, Failure, Ledger, Plan, Row};
 use crate::clock::WallTime;
+use crate::results::replace;
 
 /// Monte-Carlo over laws, phantoms, targets and seeds; goes on where it was stopped.
 #[derive(Debug, Args)]
@@ -128,13 +128,9 @@ fn conclude_folder(
     json: bool,
 ) -> anyhow::Result<Conclusions> {
     let lines = collect(folders, plan)?;
-    let mut table = COLUMNS.join(",");
-    table.push('\n');
-    let mut rows = Vec::with_capacity(lines.len());
-    for line in lines.values() {
-        table.push_str(line);
-        rows.push(Row::parse(line)?);
-    }
+    let table = table(lines.values().map(String::as_str));
+    let rows: Result<Vec<Row>, _> = lines.values().map(|line| Row::parse(line)).collect();
+    let rows = rows?;
     let found = conclude(plan, &rows);
     // Printed first: a full disk takes nothing away.
     let printed = if json {

@@ -6,12 +6,12 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::results::{check_free, save};
 use super::{Usage, print_json};
 use crate::config::{self, Config};
 use crate::identify::{
     Identified, Interval, Parameter, Recording, TipIdentified, identify, identify_tip, is_for_tip,
 };
+use crate::results::{check_free, save};
 
 /// Stiffness, tip load and natural curvature of one's own needle from recorded insertions.
 #[derive(Debug, Args)]

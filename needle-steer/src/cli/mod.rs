@@ -16,7 +16,6 @@ mod relay;
 mod replay;
 mod report;
 mod reproduce;
-mod results;
 mod run;
 mod track;
 mod validate;
@@ -30,6 +29,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::config;
+use crate::results::ResultsError;
 
 /// Steers a flexible bevel-tip needle to a target.
 #[derive(Debug, Parser)]
@@ -111,6 +111,7 @@ pub fn main() -> ExitCode {
         Err(error) => {
             report(&error);
             let usage = error.downcast_ref::<config::ConfigError>().is_some()
+                || error.downcast_ref::<ResultsError>().is_some()
                 || error.downcast_ref::<Usage>().is_some();
             if usage {
                 ExitCode::from(2)

@@ -12,13 +12,13 @@ use clap::Args;
 use indicatif::ProgressBar;
 use serde::Serialize;
 
-use super::results::{check_free, claim, save};
 use super::run::{interrupt_flag, quoted};
 use super::{Usage, print_json};
 use crate::config::{self, Config, LARGEST_SEED};
 use crate::controls::Controls;
 use crate::experiments::{EXPERIMENTS, Experiment, ExperimentResult, Finished, Plan, reproduce};
 use crate::outcome::{Ended, Summary};
+use crate::results::{check_free, claim, save};
 use crate::rig::Rig;
 use crate::run::{RunError, Unobserved, run};
 
@@ -134,10 +134,10 @@ pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// A folder for this process alone; its file of finished runs.
-fn claim_folder(out: &Path) -> Result<File, Usage> {
+fn claim_folder(out: &Path) -> anyhow::Result<File> {
     std::fs::create_dir_all(out).map_err(|e| Usage(format!("{}: {e}", out.display())))?;
     check_free(&out.join(RESULTS))?;
-    claim(&out.join(LINES))
+    Ok(claim(&out.join(LINES))?)
 }
 
 fn keep(lines: &mut File, run: &Finished) -> std::io::Result<()> {

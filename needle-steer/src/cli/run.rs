@@ -1,33 +1,30 @@
 //! `run`: one insertion to a target.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use hal::telemetry::Telemetry;
-use hal::{Arm, ArmState, RateCommand, SensedShape, Stamp, StereoFrame};
+use hal::{Arm, ArmState, RateCommand, SensedMarker, SensedShape, StereoFrame};
 use indicatif::{ProgressBar, ProgressStyle};
-use rosbridge::log::Overflow;
 use vision::track::Tracked;
 
 use super::dead_man;
 use super::print_json;
-use super::results::{RunFolder, save};
 use super::way_out::with_way_out;
 use crate::clock::WallTime;
 use crate::config::{self, Config, LARGEST_SEED};
 use crate::controls::Controls;
 use crate::host::degrees;
-use crate::journal::Journal;
 use crate::outcome::{Ended, Summary};
-use crate::plot::write_run_plot;
+use crate::record::{Recorder, write_results};
+use crate::results::RunFolder;
 use crate::rig::{self, Pace, Rig, RigBuildError};
 use crate::ros::{self, Leave, Link, Session};
 use crate::run::{Insertion, Observer};
-use crate::series::{Row, Series, write_csv};
 
 /// What a dry run does.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -143,40 +140,14 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         None if !config.run.dry_run => next_folder(&config),
         given => given,
     };
-    let journal = match &out {
-        Some(out) => {
-            let (file, place) = out.log()?;
-            let overflow = overflow(&config);
-            Some(Journal::new(
-                file,
-                &place,
-                &config,
-                &rig.bearings,
-                overflow,
-            )?)
-        }
-        None => None,
-    };
-    let mut recorder = Recorder::new(&config, journal, session);
+    let record = Recorder::new(&config, &rig.bearings, out.as_ref())?;
+    let mut watcher = Watcher::new(&config, record, session);
     let mut insertion = Insertion::begin(&config, &mut rig)?;
     insertion.folder = out.as_ref().map(|out| out.path().to_owned());
-    let carried_out = insertion.carry_out(&config, &mut recorder, &controls);
-    if let (Err(_), None, Some(out)) = (&carried_out, recorder.last, &out) {
-        drop(recorder.journal.take());
-        out.forget();
-    }
-    let mut summary = carried_out?;
-    recorder.progress.finish_and_clear();
-    if let (Some(journal), Some(last)) = (&mut recorder.journal, recorder.last) {
-        journal.result(last, &summary);
-    }
-    let logged = recorder.journal.take().map_or(Ok(()), Journal::finish);
-    if let Some(out) = &out {
-        let place = |path: &Path| Some(path.display().to_string());
-        summary.out = place(out.path());
-        summary.log = place(&out.path().join("run.mcap"));
-        summary.log_complete = Some(logged.is_ok());
-    }
+    let carried_out = insertion.carry_out(&config, &mut watcher, &controls);
+    let mut summary = watcher.record.close(carried_out, out.as_ref())?;
+    watcher.progress.finish_and_clear();
+    let logged = watcher.record.finish(&mut summary, out.as_ref());
     // The verdict first: whatever becomes of the files, it is known.
     let printed = if args.json {
         print_json(&summary)
@@ -184,9 +155,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         print_text(&summary).map_err(anyhow::Error::from)
     };
     let written = out.as_ref().map_or(Ok(()), |out| {
-        write_results(out.path(), &config, &recorder.rows, &summary)
+        write_results(out.path(), &config, &watcher.record.rows, &summary)
     });
-    if let Some(session) = &mut recorder.session {
+    if let Some(session) = &mut watcher.session {
         session.show_end(&summary.ended);
         if let (true, Some(why)) = (config.ros.stay, controls.why_interrupted()) {
             let log = summary.log.as_deref().unwrap_or("LOG");
@@ -220,15 +191,6 @@ fn build(config: &Config, link: Option<&Link>) -> Result<Rig, RigBuildError> {
     }
 }
 
-/// Simulated time waits for the disk; a real arm does not.
-fn overflow(config: &Config) -> Overflow {
-    if config.is_real() {
-        Overflow::Drop
-    } else {
-        Overflow::Wait
-    }
-}
-
 /// The next free folder under `out`; nothing, with a warning, where none can be made.
 fn next_folder(config: &Config) -> Option<RunFolder> {
     RunFolder::next(config)
@@ -249,21 +211,18 @@ pub(super) fn interrupt_flag() -> anyhow::Result<Arc<Controls>> {
     Ok(flag)
 }
 
-/// Keeps the time series and draws the progress line.
-struct Recorder {
-    journal: Option<Journal>,
+/// Keeps the record of the run, shows it over ROS and draws the progress line.
+struct Watcher {
+    record: Recorder,
     session: Option<Session>,
-    rows: Vec<Row>,
-    series: Series,
-    last: Option<Stamp>,
     /// Whether the user was told that the log failed.
     told: bool,
     progress: ProgressBar,
     depth_mm: f64,
 }
 
-impl Recorder {
-    fn new(config: &Config, journal: Option<Journal>, session: Option<Session>) -> Self {
+impl Watcher {
+    fn new(config: &Config, record: Recorder, session: Option<Session>) -> Self {
         let depth_mm = config.target.depth_mm + 10.0;
         let progress = ProgressBar::new(1000);
         progress.set_style(
@@ -271,11 +230,8 @@ impl Recorder {
                 .unwrap_or_else(|_| ProgressStyle::default_bar()),
         );
         Self {
-            journal,
+            record,
             session,
-            rows: Vec::new(),
-            series: Series::default(),
-            last: None,
             told: false,
             progress,
             depth_mm,
@@ -283,23 +239,17 @@ impl Recorder {
     }
 }
 
-impl Observer for Recorder {
+impl Observer for Watcher {
     fn start(&mut self, arm: &ArmState) {
-        if let Some(journal) = &mut self.journal {
-            journal.start(arm);
-        }
+        self.record.start(arm);
     }
 
     fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {
-        if let Some(journal) = &mut self.journal {
-            journal.inputs(arm, shape);
-        }
+        self.record.inputs(arm, shape);
     }
 
     fn command(&mut self, command: &RateCommand) {
-        if let Some(journal) = &mut self.journal {
-            journal.command(command);
-        }
+        self.record.command(command);
     }
 
     fn arm(&mut self, state: &ArmState) {
@@ -312,29 +262,28 @@ impl Observer for Recorder {
         if let Some(session) = &mut self.session {
             session.images(pair, tracked);
         }
-        if let Some(journal) = &mut self.journal {
-            journal.images(pair, tracked);
-        }
+        self.record.images(pair, tracked);
+    }
+
+    fn marker(&mut self, marker: &SensedMarker) {
+        self.record.marker(marker);
     }
 
     fn step(&mut self, telemetry: &Telemetry) {
         if let Some(session) = &mut self.session {
             session.step(telemetry);
         }
-        if let Some(journal) = &mut self.journal {
-            journal.step(telemetry);
-            if !core::mem::replace(&mut self.told, journal.error().is_some())
-                && let Some(error) = journal.error()
-            {
-                let _ = writeln!(
-                    std::io::stderr(),
-                    "the log can no longer be written ({}); the insertion goes on",
-                    std::error::Error::source(error).unwrap_or(error)
-                );
-            }
+        self.record.step(telemetry);
+        let failed = self.record.log_error();
+        if !core::mem::replace(&mut self.told, failed.is_some())
+            && let Some(error) = failed
+        {
+            let _ = writeln!(
+                std::io::stderr(),
+                "the log can no longer be written ({}); the insertion goes on",
+                std::error::Error::source(error).unwrap_or(error)
+            );
         }
-        self.last = Some(telemetry.stamp);
-        self.rows.push(self.series.row(telemetry));
         if telemetry.step % 15 == 1 {
             #[expect(
                 clippy::cast_possible_truncation,
@@ -353,38 +302,6 @@ impl Observer for Recorder {
             ));
         }
     }
-}
-
-/// Writes every file that can be written.
-fn write_results(
-    out: &Path,
-    config: &Config,
-    rows: &[Row],
-    summary: &Summary,
-) -> anyhow::Result<()> {
-    let place = |name: &str| out.join(name);
-    let title = format!(
-        "law {}, phantom {}, seed {}: {}",
-        summary.law, summary.phantom, summary.seed, summary.ended
-    );
-    let plot = place("run.svg");
-    let files = [
-        save(&place("summary.json"), |file| {
-            serde_json::to_writer_pretty(&mut *file, summary)?;
-            Ok(writeln!(file)?)
-        }),
-        save(&place("config.toml"), |file| {
-            let text = toml::to_string(config).context("configuration as TOML")?;
-            Ok(file.write_all(text.as_bytes())?)
-        }),
-        save(&place("series.csv"), |file| Ok(write_csv(rows, file)?)),
-        write_run_plot(rows, &title, &plot)
-            .inspect_err(|_| {
-                let _ = std::fs::remove_file(&plot);
-            })
-            .with_context(|| plot.display().to_string()),
-    ];
-    files.into_iter().collect()
 }
 
 fn print_text(summary: &Summary) -> std::io::Result<()> {

@@ -7,13 +7,13 @@ use std::process::ExitCode;
 use clap::Args;
 use hal::Arm;
 
-use super::results::check_free;
 use super::run::{interrupt_flag, quoted};
 use super::{print_json, unusable};
 use crate::config::{Backend, Config};
 use crate::controls::Wish;
 use crate::host::degrees;
 use crate::observer::{Observer, Unobserved};
+use crate::results::check_free;
 use crate::rig::Rig;
 use crate::ros::{self, Link, Session};
 use crate::withdrawal::{self, Record, Recording, Request, Summary};

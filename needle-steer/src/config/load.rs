@@ -33,6 +33,12 @@ pub enum ConfigError {
         /// The argument.
         argument: String,
     },
+    /// A key of an override leads through a value, or is none.
+    #[error("argument `set`: key `{key}`: expected a dotted key, for instance run.seed")]
+    Path {
+        /// The key.
+        key: String,
+    },
     /// A key is unknown, or its value of the wrong type or outside its range.
     #[error("{origin}: key `{key}`: {problem}")]
     Key {
@@ -57,6 +63,10 @@ pub enum Origin {
     },
     /// A `--set` or another option of the command line.
     CommandLine,
+    /// An override of a program that calls.
+    Argument,
+    /// The tables that a program gives.
+    Table,
     /// The built-in default.
     Default,
 }
@@ -66,6 +76,8 @@ impl std::fmt::Display for Origin {
         match self {
             Self::File { file, line } => write!(f, "{}:{line}", file.display()),
             Self::CommandLine => f.write_str("command line"),
+            Self::Argument => f.write_str("argument `set`"),
+            Self::Table => f.write_str("argument `config`"),
             Self::Default => f.write_str("default"),
         }
     }
@@ -79,13 +91,7 @@ impl std::fmt::Display for Origin {
 pub fn load(file: Option<&Path>, overrides: &[String]) -> Result<Config, ConfigError> {
     let (text, name) = match file {
         None => (String::new(), PathBuf::new()),
-        Some(file) => {
-            let text = std::fs::read_to_string(file).map_err(|source| ConfigError::Unreadable {
-                file: file.to_owned(),
-                source,
-            })?;
-            (text, file.to_owned())
-        }
+        Some(file) => (read(file)?, file.to_owned()),
     };
     parse(&text, &name, overrides)
 }
@@ -95,25 +101,13 @@ pub fn load(file: Option<&Path>, overrides: &[String]) -> Result<Config, ConfigE
 /// # Errors
 /// The text is not TOML, or has an unknown or wrong key.
 pub fn parse(text: &str, name: &Path, overrides: &[String]) -> Result<Config, ConfigError> {
-    let mut table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
-        let line = e.span().map_or(1, |span| line_of(text, span.start));
-        ConfigError::Syntax {
-            origin: Origin::File {
-                file: name.to_owned(),
-                line,
-            },
-            message: e.message().to_owned(),
-        }
-    })?;
+    let mut table = table_of(text, name)?;
     let mut overridden = Vec::new();
     for argument in overrides {
         overridden.push(apply_override(&mut table, argument)?);
     }
     let origin = |key: &str| {
-        if overridden
-            .iter()
-            .any(|o| o == key || o.starts_with(&format!("{key}.")))
-        {
+        if is_under(overridden.iter().map(String::as_str), key) {
             Origin::CommandLine
         } else {
             line_of_key(text, key).map_or(Origin::Default, |line| Origin::File {
@@ -122,6 +116,71 @@ pub fn parse(text: &str, name: &Path, overrides: &[String]) -> Result<Config, Co
             })
         }
     };
+    checked(table, origin)
+}
+
+/// What a configuration starts from, beside the defaults.
+#[derive(Clone, Debug)]
+pub enum Base<'a> {
+    /// The defaults alone.
+    Default,
+    /// A file.
+    File(&'a Path),
+    /// Tables and keys as a file has them.
+    Table(toml::Table),
+}
+
+/// A configuration for a program that calls: the defaults, then `base`, then `set`, values by
+/// dotted keys.
+///
+/// # Errors
+/// As [`load`].
+pub fn assemble(base: Base<'_>, set: &[(String, toml::Value)]) -> Result<Config, ConfigError> {
+    let (mut table, text, name) = match base {
+        Base::Default => (toml::Table::new(), String::new(), None),
+        Base::Table(table) => (table, String::new(), None),
+        Base::File(file) => {
+            let text = read(file)?;
+            (table_of(&text, file)?, text, Some(file))
+        }
+    };
+    let given = table.clone();
+    for (key, value) in set {
+        insert(&mut table, key, value.clone())
+            .ok_or_else(|| ConfigError::Path { key: key.clone() })?;
+    }
+    let origin = |key: &str| {
+        if is_under(set.iter().map(|(key, _)| key.as_str()), key) {
+            return Origin::Argument;
+        }
+        match name {
+            Some(file) => line_of_key(&text, key).map_or(Origin::Default, |line| Origin::File {
+                file: file.to_owned(),
+                line,
+            }),
+            None if key
+                .split('.')
+                .next()
+                .is_some_and(|first| given.contains_key(first)) =>
+            {
+                Origin::Table
+            }
+            None => Origin::Default,
+        }
+    };
+    checked(table, origin)
+}
+
+/// Whether one of `keys` is `key` or lies in its table.
+fn is_under<'a>(mut keys: impl Iterator<Item = &'a str>, key: &str) -> bool {
+    keys.any(|k| {
+        k == key
+            || k.strip_prefix(key)
+                .is_some_and(|rest| rest.starts_with('.'))
+    })
+}
+
+fn checked(table: toml::Table, origin: impl Fn(&str) -> Origin) -> Result<Config, ConfigError> {
     let config: Config =
         serde_path_to_error::deserialize(toml::Value::Table(table)).map_err(|e| {
             let key = e.path().to_string();
@@ -143,6 +202,26 @@ pub fn parse(text: &str, name: &Path, overrides: &[String]) -> Result<Config, Co
         config.in_air()
     } else {
         config
+    })
+}
+
+fn read(file: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(file).map_err(|source| ConfigError::Unreadable {
+        file: file.to_owned(),
+        source,
+    })
+}
+
+fn table_of(text: &str, name: &Path) -> Result<toml::Table, ConfigError> {
+    text.parse().map_err(|e: toml::de::Error| {
+        let line = e.span().map_or(1, |span| line_of(text, span.start));
+        ConfigError::Syntax {
+            origin: Origin::File {
+                file: name.to_owned(),
+                line,
+            },
+            message: e.message().to_owned(),
+        }
     })
 }
 
@@ -204,22 +283,28 @@ fn apply_override(table: &mut toml::Table, argument: &str) -> Result<String, Con
     }
     let value = toml::from_str::<Holder>(&format!("x = {value}"))
         .map_or_else(|_| toml::Value::String(value.to_owned()), |holder| holder.x);
-    let mut parts = key.split('.').peekable();
-    let mut at = table;
-    while let Some(part) = parts.next() {
-        if parts.peek().is_none() {
-            at.insert(part.to_owned(), value);
-            break;
-        }
-        let entry = at
-            .entry(part.to_owned())
-            .or_insert_with(|| toml::Value::Table(toml::Table::new()));
-        let toml::Value::Table(inner) = entry else {
-            return Err(malformed());
-        };
-        at = inner;
-    }
+    insert(table, key, value).ok_or_else(malformed)?;
     Ok(key.to_owned())
+}
+
+/// Puts a value into the table at a dotted key; nothing where the key leads through a value.
+fn insert(table: &mut toml::Table, key: &str, value: toml::Value) -> Option<()> {
+    let (tables, last) = match key.rsplit_once('.') {
+        Some((tables, last)) => (tables.split('.').collect(), last),
+        None => (Vec::new(), key),
+    };
+    if last.is_empty() || tables.iter().any(|part| part.is_empty()) {
+        return None;
+    }
+    let mut at = table;
+    for part in tables {
+        at = at
+            .entry(part.to_owned())
+            .or_insert_with(|| toml::Value::Table(toml::Table::new()))
+            .as_table_mut()?;
+    }
+    at.insert(last.to_owned(), value);
+    Some(())
 }
 
 /// Adds the nearest known key to serde's message about an unknown one.
@@ -304,6 +389,40 @@ mod tests {
         );
         let message = error("", &["run.seed"]);
         assert!(message.contains("expected key=value"), "{message}");
+    }
+
+    #[test]
+    fn tables_and_their_overrides_are_named_in_errors() {
+        let table: toml::Table = "[run]\nseed = 3\n".parse().unwrap();
+        let assembled = |set: &[(&str, toml::Value)]| {
+            let set: Vec<_> = set
+                .iter()
+                .map(|(k, v)| ((*k).to_owned(), v.clone()))
+                .collect();
+            assemble(Base::Table(table.clone()), &set)
+        };
+        assert_eq!(assembled(&[]).unwrap().run.seed, 3);
+        assert_eq!(assembled(&[("run.seed", 9.into())]).unwrap().run.seed, 9);
+        let message = assembled(&[("run.sede", 9.into())])
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.starts_with("argument `set`: key `run.sede`") && message.contains("`seed`?"),
+            "{message}"
+        );
+        for bad in ["", "run.", ".seed", "run.seed.x"] {
+            let message = assembled(&[(bad, 9.into())]).unwrap_err().to_string();
+            assert!(
+                message.contains("expected a dotted key"),
+                "{bad}: {message}"
+            );
+        }
+        let wrong: toml::Table = "[needle]\nlenght_mm = 126\n".parse().unwrap();
+        let message = assemble(Base::Table(wrong), &[]).unwrap_err().to_string();
+        assert!(
+            message.starts_with("argument `config`: key `needle.lenght_mm`"),
+            "{message}"
+        );
     }
 
     #[test]

@@ -23,6 +23,10 @@ use crate::world::{Body, SimulatedWorld};
 /// Ticks of the simulated world.
 pub(super) const TICK: Duration = Duration::from_millis(4);
 
+/// Makes a plant for the true pose of the needle's base at the start.
+pub type PlantMaker =
+    Box<dyn FnOnce(&Transform<World, NeedleBase>) -> Result<Box<dyn Plant>, RigBuildError> + Send>;
+
 /// Where things stand.
 pub(super) struct Place {
     pub(super) chain: Chain,
@@ -56,7 +60,12 @@ pub enum Pace {
 }
 
 impl Place {
-    pub(super) fn simulated(self, config: &Config, pace: Pace) -> Result<Devices, RigBuildError> {
+    pub(super) fn simulated(
+        self,
+        config: &Config,
+        pace: Pace,
+        plant: Option<PlantMaker>,
+    ) -> Result<Devices, RigBuildError> {
         let settings =
             phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
         let stereo_from_world = *self.stereo.stereo_from_world();
@@ -66,9 +75,10 @@ impl Place {
             left_from_world: stereo_from_world,
             seed: config.run.seed,
         };
-        let bench = match config.run.plant {
-            PlantKind::Phantom => Bench::new(&settings, &setup)?,
-            PlantKind::Model => Bench::with_plant(&settings, &setup, |true_base| {
+        let bench = match (plant, config.run.plant) {
+            (Some(plant), _) => Bench::with_plant(&settings, &setup, plant)?,
+            (None, PlantKind::Phantom) => Bench::new(&settings, &setup)?,
+            (None, PlantKind::Model) => Bench::with_plant(&settings, &setup, |true_base| {
                 twin(config, &settings, true_base)
             })?,
         };

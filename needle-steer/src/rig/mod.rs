@@ -31,8 +31,8 @@ use crate::ros::Link;
 use crate::score::Scoring;
 use crate::springs::SpringsError;
 pub use at_start::NotAtStart;
-pub use devices::Pace;
 use devices::{Devices, Place, TICK};
+pub use devices::{Pace, PlantMaker};
 pub use eyes::{Eyes, Sighting};
 pub use fit::{Course, Demand, Misfit, check_chain, follow};
 pub use marker::MarkerEyes;
@@ -148,6 +148,9 @@ pub enum RigBuildError {
     /// The guard's limits.
     #[error("guard: {0}")]
     Guard(#[from] LimiterError),
+    /// A plant of one's own.
+    #[error("plant: {0}")]
+    OwnPlant(String),
     /// The controller's model as the plant.
     #[error("plant: {0}")]
     Twin(#[from] SpringsError),
@@ -254,7 +257,16 @@ impl Rig {
     /// # Errors
     /// See [`RigBuildError`].
     pub fn simulated(config: &Config, pace: Pace) -> Result<Self, RigBuildError> {
-        Self::assemble(config, |lab| lab.simulated(config, pace))
+        Self::assemble(config, |lab| lab.simulated(config, pace, None))
+    }
+
+    /// Builds a simulated world around a plant of one's own, which `plant` makes for the true pose
+    /// of the needle's base at the start. Robot flaws, sensors and cameras are those of `config`.
+    ///
+    /// # Errors
+    /// See [`RigBuildError`].
+    pub fn with_plant(config: &Config, plant: PlantMaker) -> Result<Self, RigBuildError> {
+        Self::assemble(config, |lab| lab.simulated(config, Pace::Free, Some(plant)))
     }
 
     fn assemble(

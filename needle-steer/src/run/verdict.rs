@@ -93,6 +93,9 @@ impl Insertion<'_> {
         let duration = self
             .steering_since
             .map_or(0.0, |since| telemetry.stamp.secs_since(since));
-        Summary::new(config, ended, telemetry, figures, &self.events, duration)
+        Summary {
+            law: self.cycle.law_name().to_owned(),
+            ..Summary::new(config, ended, telemetry, figures, &self.events, duration)
+        }
     }
 }

@@ -1,25 +1,31 @@
 //! Files of results: made by one process, never written over, whole or not there.
 
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{BufWriter, ErrorKind, Write};
+use std::io::{BufWriter, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
-use super::Usage;
 use crate::config::Config;
 
 /// The log of a run; whoever holds it open and locked owns the folder.
 const LOG: &str = "run.mcap";
 /// What else a run writes.
 const OTHERS: [&str; 4] = ["summary.json", "series.csv", "config.toml", "run.svg"];
+/// Bytes of a file that tell whether it is a page.
+const START: u64 = 64;
 /// How often the next folder is sought while other runs take theirs.
 const ATTEMPTS: u32 = 1000;
+
+/// A place where no results can be written; nothing was changed there.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct ResultsError(String);
 
 /// A folder that this process alone writes a run's results to. Dropped before anything was
 /// logged, it leaves nothing behind.
 #[derive(Debug)]
-pub(super) struct RunFolder {
+pub struct RunFolder {
     folder: PathBuf,
     log: File,
     /// Whether the folder was made for this run.
@@ -31,8 +37,8 @@ impl RunFolder {
     ///
     /// # Errors
     /// It holds results, another run is writing to it, or it cannot be made.
-    pub(super) fn claim(folder: &Path) -> Result<Self, Usage> {
-        let unusable = |e: std::io::Error| Usage(format!("{}: {e}", folder.display()));
+    pub fn claim(folder: &Path) -> Result<Self, ResultsError> {
+        let unusable = |e: std::io::Error| ResultsError(format!("{}: {e}", folder.display()));
         let fresh = !folder.exists();
         std::fs::create_dir_all(folder).map_err(unusable)?;
         let claimed = Self {
@@ -50,7 +56,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// None can be made.
-    pub(super) fn next(config: &Config) -> std::io::Result<Self> {
+    pub fn next(config: &Config) -> std::io::Result<Self> {
         let run = &config.run;
         let name = format!("{}-{}-{}", run.law, run.phantom, run.seed);
         let parent = Path::new("out");
@@ -71,18 +77,22 @@ impl RunFolder {
         Err(ErrorKind::AlreadyExists.into())
     }
 
-    pub(super) fn path(&self) -> &Path {
+    /// The folder.
+    pub fn path(&self) -> &Path {
         &self.folder
     }
 
     /// Empties the log of a run that was refused before anything moved.
-    pub(super) fn forget(&self) {
+    pub fn forget(&self) {
         // What stays is only untidy.
         let _ = self.log.set_len(0);
     }
 
     /// The log, empty, and its place.
-    pub(super) fn log(&self) -> std::io::Result<(File, PathBuf)> {
+    ///
+    /// # Errors
+    /// The system refused.
+    pub fn log(&self) -> std::io::Result<(File, PathBuf)> {
         Ok((self.log.try_clone()?, self.folder.join(LOG)))
     }
 }
@@ -126,7 +136,7 @@ fn holds(file: &Path) -> bool {
 ///
 /// # Errors
 /// There is.
-pub(super) fn check_free(file: &Path) -> Result<(), Usage> {
+pub(crate) fn check_free(file: &Path) -> Result<(), ResultsError> {
     if holds(file) {
         Err(taken(file))
     } else {
@@ -134,8 +144,8 @@ pub(super) fn check_free(file: &Path) -> Result<(), Usage> {
     }
 }
 
-fn taken(file: &Path) -> Usage {
-    Usage(format!(
+fn taken(file: &Path) -> ResultsError {
+    ResultsError(format!(
         "{} holds the results of another run ({}): nothing is written over; name another folder",
         file.parent().unwrap_or(file).display(),
         file.file_name().unwrap_or_default().to_string_lossy()
@@ -146,10 +156,10 @@ fn taken(file: &Path) -> Usage {
 ///
 /// # Errors
 /// It holds something, another process has it, or it cannot be made.
-pub(super) fn claim(file: &Path) -> Result<File, Usage> {
-    let unusable = |e: std::io::Error| Usage(format!("{}: {e}", file.display()));
+pub(crate) fn claim(file: &Path) -> Result<File, ResultsError> {
+    let unusable = |e: std::io::Error| ResultsError(format!("{}: {e}", file.display()));
     let busy = || {
-        Usage(format!(
+        ResultsError(format!(
             "{}: another process is writing its results there; name another folder",
             file.display()
         ))
@@ -182,7 +192,7 @@ pub(super) fn claim(file: &Path) -> Result<File, Usage> {
 ///
 /// # Errors
 /// There is something in it already, or the system refused.
-pub(super) fn save(
+pub(crate) fn save(
     file: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
@@ -200,7 +210,7 @@ pub(super) fn save(
 ///
 /// # Errors
 /// The system refused; the old file stays as it was.
-pub(super) fn replace(file: &Path, text: &[u8]) -> anyhow::Result<()> {
+pub(crate) fn replace(file: &Path, text: &[u8]) -> anyhow::Result<()> {
     if file.exists() && !file.is_file() {
         // A terminal or a pipe.
         return std::fs::write(file, text).with_context(|| file.display().to_string());
@@ -213,4 +223,31 @@ pub(super) fn replace(file: &Path, text: &[u8]) -> anyhow::Result<()> {
         let _ = std::fs::remove_file(&fresh);
     }
     written.with_context(|| file.display().to_string())
+}
+
+/// Writes an HTML page. It takes the place of an older page, never of a log or anything else.
+///
+/// # Errors
+/// Something else is there, or the system refused.
+pub fn save_page(file: &Path, page: &str) -> anyhow::Result<()> {
+    check_is_page(file)?;
+    replace(file, page.as_bytes())
+}
+
+/// Refuses a file that is there and no page.
+///
+/// # Errors
+/// It is something else, or cannot be read.
+pub fn check_is_page(file: &Path) -> anyhow::Result<()> {
+    if !file.is_file() {
+        return Ok(());
+    }
+    let mut start = Vec::new();
+    File::open(file)?.take(START).read_to_end(&mut start)?;
+    let start = String::from_utf8_lossy(&start).to_lowercase();
+    if start.is_empty() || start.trim_start().starts_with("<!doctype html") {
+        return Ok(());
+    }
+    let name = file.display();
+    Err(ResultsError(format!("{name}: is no HTML page, and is not written over")).into())
 }
