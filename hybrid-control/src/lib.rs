@@ -39,6 +39,7 @@ pub use reach::{
 };
 pub use settings::{EstimatorSettings, LawSettings, Limits, MotionSettings};
 pub use view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
+pub use workspace::inside_workspace;
 
 /// Property tests that draw the same cases in every run.
 #[cfg(test)]

@@ -16,7 +16,7 @@ const ROUNDING: f64 = 1e-9;
 /// The part of a motion of the base that lets it come to rest at the workspace's bounds: the
 /// outward speed falls with the room that is left, so an arm that lags does not run over them,
 /// and many small steps do not creep over them.
-pub(crate) fn inside_workspace(
+pub fn inside_workspace(
     twist: &Twist,
     base: &Isometry3<f64>,
     entry: &Entry,

@@ -3,8 +3,8 @@
 //! Read [`cycle`] first: one step from measurements to joint rates. [`run`](mod@run) moves an arm
 //! with it, [`rig`] assembles the devices that a [`config`] asks for, [`world`] is the simulated
 //! one ([`twin`] puts the controller's own model in the phantom's place), [`ros`] the way to topics,
-//! [`supervisor`] stops what must not go on. [`experiments`], [`comparison`], [`robustness`] and
-//! [`cli`] sit on top.
+//! [`supervisor`] stops what must not go on. [`experiments`], [`comparison`], [`robustness`],
+//! [`env`](mod@env) and [`cli`] sit on top.
 //!
 //! **Architecture invariant:** only [`run`](mod@run) and, while no insertion is under way,
 //! [`ros`] write to an arm, and every way out of them stops the arm.
@@ -47,6 +47,10 @@ pub mod identify;
 pub mod series;
 pub mod record;
 pub mod shape;
+pub mod tracked;
+pub mod stereo;
+pub mod reproduction;
+pub mod env;
 pub mod results;
 pub mod statistics;
 pub mod plot;

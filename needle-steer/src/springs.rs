@@ -56,6 +56,56 @@ pub fn bevel_length(config: &Config) -> f64 {
     config.needle.outer_diameter_mm * 1e-3 / config.needle.bevel_deg.to_radians().tan()
 }
 
+/// The straight needle of the configuration with its base at `world_from_base`, drawn back a little
+/// from the tissue.
+///
+/// # Errors
+/// The model refuses the configuration or the start.
+pub fn insertion(
+    config: &Config,
+    world_from_base: &Isometry3<f64>,
+) -> Result<Insertion, SpringsError> {
+    let outside = world_from_base * Isometry3::translation(0.0, 0.0, -CLEARANCE);
+    Ok(Insertion::new(
+        needle(config)?,
+        Bevel::plane_cut(
+            config.needle.bevel_deg.to_radians(),
+            config.needle.outer_diameter_mm * 1e-3,
+        )?,
+        Tissue::uniform(
+            config.entry().coords,
+            config.inward().into_inner(),
+            config.estimator.stiffness_n_m2,
+        )?,
+        InsertionSettings {
+            pitch: config.tissue.spring_spacing_mm * 1e-3,
+            ..InsertionSettings::default()
+        },
+        &outside,
+    )?)
+}
+
+/// The present equilibrium with its derivatives.
+///
+/// # Errors
+/// The equilibrium has none.
+pub fn converged(
+    insertion: &mut Insertion,
+    sensitivities: &mut Sensitivities,
+) -> Result<Springs, TangentError> {
+    let needle = insertion.equilibrium_mut();
+    needle.sensitivities(sensitivities)?;
+    let gradient = sensitivities.mean_stretch(needle);
+    Ok(Springs {
+        world_from_tip: needle.world_from_tip(),
+        j_tip_base: sensitivities.tip_jacobian(),
+        mean_stretch: needle.mean_stretch(),
+        j_mean_stretch: RowVector6::from_iterator(gradient.iter().take(6).copied()),
+        entry_stretch: needle.entry_stretch().norm(),
+        entry_force: needle.entry_force().norm(),
+    })
+}
+
 /// The controller's springs model.
 #[derive(Debug)]
 pub struct SpringsModel {
@@ -73,25 +123,8 @@ impl SpringsModel {
     /// # Errors
     /// The model refuses the configuration or the start.
     pub fn new(config: &Config, world_from_base: &Isometry3<f64>) -> Result<Self, SpringsError> {
-        let outside = world_from_base * Isometry3::translation(0.0, 0.0, -CLEARANCE);
+        let insertion = insertion(config, world_from_base)?;
         let stiffness = config.estimator.stiffness_n_m2;
-        let insertion = Insertion::new(
-            needle(config)?,
-            Bevel::plane_cut(
-                config.needle.bevel_deg.to_radians(),
-                config.needle.outer_diameter_mm * 1e-3,
-            )?,
-            Tissue::uniform(
-                config.entry().coords,
-                config.inward().into_inner(),
-                stiffness,
-            )?,
-            InsertionSettings {
-                pitch: config.tissue.spring_spacing_mm * 1e-3,
-                ..InsertionSettings::default()
-            },
-            &outside,
-        )?;
         Ok(Self {
             fresh: insertion.clone(),
             start_stiffness: stiffness,
@@ -118,17 +151,7 @@ impl SpringsModel {
             self.stiffness = stiffness;
         }
         self.insertion.insert(world_from_base, measured_tip)?;
-        let needle = self.insertion.equilibrium_mut();
-        needle.sensitivities(&mut self.sensitivities)?;
-        let gradient = self.sensitivities.mean_stretch(needle);
-        Ok(Springs {
-            world_from_tip: needle.world_from_tip(),
-            j_tip_base: self.sensitivities.tip_jacobian(),
-            mean_stretch: needle.mean_stretch(),
-            j_mean_stretch: RowVector6::from_iterator(gradient.iter().take(6).copied()),
-            entry_stretch: needle.entry_stretch().norm(),
-            entry_force: needle.entry_force().norm(),
-        })
+        Ok(converged(&mut self.insertion, &mut self.sensitivities)?)
     }
 
     /// Forgets the rest points: what was laid while the tissue's motion was taken for cutting is no

@@ -240,7 +240,7 @@ fn length(points: &[Vector3<f64>]) -> f64 {
 }
 
 /// The kind of an event of the phantom.
-const fn kind(event: &Event) -> TruthEvent {
+pub const fn kind(event: &Event) -> TruthEvent {
     match event {
         Event::Buckling => TruthEvent::Buckling,
         Event::Yielding { .. } => TruthEvent::Yielding,

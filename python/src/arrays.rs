@@ -1,10 +1,13 @@
 //! Numbers to numpy and back.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLike1, PyArrayLike2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::errors::input;
+
+/// Deviation from a rotation that is taken for rounding.
+const ORTHONORMAL: f64 = 1e-6;
 
 /// A vector of numbers.
 pub(crate) fn vector<'py>(py: Python<'py>, values: &[f64]) -> Bound<'py, PyArray1<f64>> {
@@ -78,6 +81,39 @@ pub(crate) fn rows_of_three(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Ve
         .into_iter()
         .map(|row| [row[0], row[1], row[2]])
         .collect())
+}
+
+/// A pose from a homogeneous matrix (4, 4).
+pub(crate) fn isometry(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Isometry3<f64>> {
+    let wrong = |why: &str| {
+        input(format!(
+            "{what}: expected a homogeneous transform (4, 4), {why}; found {}",
+            shown(value)
+        ))
+    };
+    let array: PyArrayLike2<'_, f64, AllowTypeChange> =
+        value.extract().map_err(|_| wrong("rows of numbers"))?;
+    let m = array.as_array();
+    if m.shape() != [4, 4] || !m.iter().all(|x| x.is_finite()) {
+        return Err(wrong("four rows of four finite numbers"));
+    }
+    let rotation = Matrix3::from_fn(|i, j| m[[i, j]]);
+    let off = (rotation * rotation.transpose() - Matrix3::identity())
+        .abs()
+        .max();
+    if off > ORTHONORMAL || rotation.determinant() < 0.0 {
+        return Err(wrong("with a rotation in its upper left"));
+    }
+    let last = [0.0, 0.0, 0.0, 1.0];
+    if (0..4).any(|k| (m[[3, k]] - last[k]).abs() > 0.0) {
+        return Err(wrong("its last row 0, 0, 0, 1"));
+    }
+    let rotation =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    Ok(Isometry3::from_parts(
+        Vector3::new(m[[0, 3]], m[[1, 3]], m[[2, 3]]).into(),
+        UnitQuaternion::new_normalize(rotation.into_inner()),
+    ))
 }
 
 /// What a value looks like in a message.

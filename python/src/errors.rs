@@ -23,6 +23,17 @@ pub(crate) fn of_file(file: &Path, error: impl std::fmt::Display) -> PyErr {
     })
 }
 
+/// As [`input`], with all causes.
+pub(crate) fn with_causes(error: &dyn std::error::Error) -> PyErr {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(because) = cause {
+        text = format!("{text}: {because}");
+        cause = because.source();
+    }
+    input(text)
+}
+
 /// What was asked for failed.
 pub(crate) fn failed(error: impl std::fmt::Display) -> PyErr {
     Error::new_err(error.to_string())

@@ -13,11 +13,17 @@
 
 mod arrays;
 mod campaign;
+mod chain;
 mod convert;
+mod env;
 mod errors;
+mod hand;
+mod identify;
 mod law;
+mod model;
 mod plant;
 mod run;
+mod vision;
 mod work;
 
 /// Private: see the Python files.
@@ -26,9 +32,21 @@ mod _core {
     #[pymodule_export]
     use crate::campaign::{campaign_conclude, campaign_lines, campaign_plan};
     #[pymodule_export]
+    use crate::chain::ArmChain;
+    #[pymodule_export]
+    use crate::env::EnvPool;
+    #[pymodule_export]
+    use crate::hand::Phantom;
+    #[pymodule_export]
+    use crate::identify::{estimate, reproduce, validate};
+    #[pymodule_export]
     use crate::law::LawView;
     #[pymodule_export]
+    use crate::model::NeedleModel;
+    #[pymodule_export]
     use crate::run::{default_config, make_config, read_log, report, run, shape};
+    #[pymodule_export]
+    use crate::vision::{PairTracker, calibrate_stereo};
     #[pymodule_export]
     use crate::work::panic_on_purpose;
 

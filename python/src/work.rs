@@ -67,6 +67,14 @@ pub(crate) fn interruptible<T: Send>(
     }
 }
 
+/// Work of some moments without the interpreter: a panic becomes an exception.
+///
+/// # Errors
+/// [`InternalError`] for a panic.
+pub(crate) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    py.detach(|| catch_unwind(AssertUnwindSafe(work)).map_err(|panic| named(panic.as_ref())))
+}
+
 /// Short work with the interpreter held: a panic becomes an exception.
 ///
 /// # Errors

@@ -8,25 +8,12 @@ use anyhow::Context as _;
 use clap::Args;
 use serde::Serialize;
 use vision::calibrate::{Board, BoardView, StereoOptions, calibrate_mono};
-use vision::camera::LensModel;
 use vision::detect::RefineOptions;
 use vision::files::{camera_info_of, read_image, read_images, write_all};
 
-use super::calibrate::{CameraOutput, board_kind, camera_output, name, square};
+use super::calibrate::{board_kind, name, square};
 use super::{Usage, print_json};
-
-/// Names of the lens models.
-pub(super) const LENSES: [&str; 4] = ["plumb_bob", "radtan", "rational_polynomial", "equidistant"];
-
-/// The lens model of a name of [`LENSES`].
-pub(super) fn lens(name: &str) -> LensModel {
-    match name {
-        "radtan" => LensModel::RadTan,
-        "rational_polynomial" => LensModel::RationalPolynomial,
-        "equidistant" => LensModel::Equidistant,
-        _ => LensModel::PlumbBob,
-    }
-}
+use crate::stereo::{CameraOutput, LENSES, camera_output, lens};
 
 #[derive(Debug, Args)]
 pub(super) struct CornersArgs {

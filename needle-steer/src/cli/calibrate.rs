@@ -1,26 +1,16 @@
 //! `calibrate stereo` and `calibrate register`.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Context;
 use clap::{Args, Subcommand};
-use hal::GrayImage;
-use nalgebra::Point2;
-use serde::Serialize;
-use vision::calibrate::{
-    Board, BoardPair, RejectReason, Rejected, StereoCalibration, StereoOptions, calibrate_stereo,
-    rectify,
-};
-use vision::camera::Camera;
-use vision::detect::{BoardKind, RefineOptions};
-use vision::files::{StereoFile, camchain, camera_info, read_images, stereo_yml, write_all};
+use vision::calibrate::{StereoCalibration, rectify};
+use vision::detect::BoardKind;
+use vision::files::{camchain, write_all};
 use vision::register::{RegistrationFile, read_poses, register};
-use vision::report::calibration_report;
 
-use super::arm::rows;
 use super::{Usage, boards, calibration, print_json};
+use crate::stereo::{LENSES, Request, calibrate, output, write};
 
 /// Camera calibration and registration.
 #[derive(Debug, Subcommand)]
@@ -55,7 +45,7 @@ pub(super) struct StereoArgs {
     #[arg(long)]
     out: PathBuf,
     /// Model of both lenses.
-    #[arg(long, default_value = "plumb_bob", value_parser = boards::LENSES)]
+    #[arg(long, default_value = "plumb_bob", value_parser = LENSES)]
     lens: String,
     /// Print the result as JSON.
     #[arg(long)]
@@ -90,73 +80,16 @@ pub(super) fn execute(command: &CalibrateCommand) -> anyhow::Result<ExitCode> {
     }
 }
 
-#[derive(Serialize)]
-pub(super) struct CameraOutput {
-    camera_matrix: [[f64; 3]; 3],
-    distortion: Vec<f64>,
-}
-
-#[derive(Serialize)]
-struct StereoOutput<'a> {
-    left_rms_px: f64,
-    right_rms_px: f64,
-    joint_rms_px: f64,
-    rectified_dy_rms_px: f64,
-    left: CameraOutput,
-    right: CameraOutput,
-    right_from_left: [[f64; 4]; 4],
-    corners_px: BTreeMap<&'a str, Vec<Option<[f64; 2]>>>,
-    rejected: Vec<String>,
-    sigma: Vec<f64>,
-}
-
 fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
-    let kind = board_kind(&args.board)?;
-    let board = Board::new(&kind, square(args.square_mm)?);
-    if args.left.len() != args.right.len() {
-        return Err(Usage(format!(
-            "--left names {} images, --right {}: every pair needs both",
-            args.left.len(),
-            args.right.len()
-        ))
-        .into());
-    }
-    let read = |files: &[PathBuf]| read_images(files).map_err(|e| Usage(e.to_string()));
-    let (left, right) = (read(&args.left)?, read(&args.right)?);
-    let sizes = [&left, &right].map(|images| {
-        let first = images.first();
-        first.map_or((0, 0), |image| (image.width(), image.height()))
-    });
-    let (mut pairs, mut rejected) = (Vec::new(), Vec::new());
-    for (k, (left_image, right_image)) in left.iter().zip(&right).enumerate() {
-        let names = [&args.left, &args.right].map(|list| name(list.get(k)));
-        match corners([left_image, right_image], &kind, &names) {
-            Ok([left, right]) => {
-                let [left_name, right_name] = names;
-                pairs.push(BoardPair {
-                    left_name,
-                    right_name,
-                    left,
-                    right,
-                });
-            }
-            Err(reason) => {
-                let [left, right] = names;
-                rejected.push(Rejected {
-                    left,
-                    right,
-                    reason,
-                });
-            }
-        }
-    }
-    let options = StereoOptions {
-        lens: boards::lens(&args.lens),
-        ..StereoOptions::default()
+    let request = Request {
+        left: args.left.clone(),
+        right: args.right.clone(),
+        board: args.board.clone(),
+        square_mm: args.square_mm,
+        lens: args.lens.clone(),
     };
-    let calibration = calibrate_stereo(&board, &pairs, sizes, rejected, &options)
-        .map_err(|e| Usage(e.to_string()))?;
-    write_calibration(&args.out, &calibration)?;
+    let calibration = calibrate(&request).map_err(|e| Usage(e.to_string()))?;
+    write(&args.out, &calibration)?;
     if args.json {
         print_json(&output(&calibration))?;
     } else {
@@ -182,87 +115,6 @@ pub(super) fn square(square_mm: f64) -> Result<f64, Usage> {
 pub(super) fn name(path: Option<&PathBuf>) -> String {
     path.and_then(|p| p.file_name())
         .map_or_else(String::new, |n| n.to_string_lossy().into_owned())
-}
-
-/// A corner that an image does not show.
-const MISSING: Point2<f64> = Point2::new(f64::NAN, f64::NAN);
-
-/// Corners of the board in both images, or which image has none and why.
-fn corners(
-    images: [&GrayImage; 2],
-    kind: &BoardKind,
-    names: &[String; 2],
-) -> Result<[Vec<Point2<f64>>; 2], RejectReason> {
-    let find = |side: usize| {
-        images
-            .get(side)
-            .map(|image| kind.detect(image, &RefineOptions::default()))
-            .transpose()
-            .map(|found| found.into_iter().flatten())
-            .map(|found| found.map(|p| p.unwrap_or(MISSING)).collect())
-            .map_err(|e| RejectReason::NoBoard {
-                image: names.get(side).cloned().unwrap_or_default(),
-                why: e.to_string(),
-            })
-    };
-    Ok([find(0)?, find(1)?])
-}
-
-fn write_calibration(out: &Path, calibration: &StereoCalibration) -> anyhow::Result<()> {
-    let report = calibration_report(calibration)?;
-    let [left, right] = camera_info(&calibration.rig);
-    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    let mut files = vec![
-        (out.join("report.html"), report),
-        (out.join("left.yaml"), left.to_yaml()),
-        (out.join("right.yaml"), right.to_yaml()),
-        (
-            out.join("stereo.yml"),
-            stereo_yml(&StereoFile::from(calibration)),
-        ),
-    ];
-    if let Some(text) = camchain(&calibration.rig) {
-        files.push((out.join("camchain.yaml"), text));
-    }
-    write_all(&files)?;
-    Ok(())
-}
-
-/// A corner; `None` where it is missing.
-fn place(corner: &Point2<f64>) -> Option<[f64; 2]> {
-    corner.x.is_finite().then_some([corner.x, corner.y])
-}
-
-fn output(c: &StereoCalibration) -> StereoOutput<'_> {
-    let mut corners_px = BTreeMap::new();
-    for view in &c.views {
-        for (name, corners) in [&view.left_name, &view.right_name]
-            .into_iter()
-            .zip(&view.corners)
-        {
-            corners_px.insert(name.as_str(), corners.iter().map(place).collect());
-        }
-    }
-    StereoOutput {
-        left_rms_px: c.left_rms_px,
-        right_rms_px: c.right_rms_px,
-        joint_rms_px: c.joint_rms_px,
-        rectified_dy_rms_px: c.rectified_dy.rms_px,
-        left: camera_output(&c.rig.left),
-        right: camera_output(&c.rig.right),
-        right_from_left: rows(&c.rig.right_from_left.to_homogeneous()),
-        corners_px,
-        rejected: c.rejected.iter().map(ToString::to_string).collect(),
-        sigma: c.sigmas().iter().copied().collect(),
-    }
-}
-
-pub(super) fn camera_output(camera: &Camera) -> CameraOutput {
-    let k = camera.matrix();
-    CameraOutput {
-        camera_matrix: core::array::from_fn(|i| core::array::from_fn(|j| k[(i, j)])),
-        distortion: camera.distortion.coefficients(),
-    }
 }
 
 fn print_stereo(c: &StereoCalibration, out: &Path) -> std::io::Result<()> {

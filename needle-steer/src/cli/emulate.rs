@@ -14,9 +14,10 @@ use robots::viper::{Dialect, Emulator};
 
 use super::Usage;
 use super::arm::numbers;
-use super::run::{interrupt_flag, quoted};
+use super::run::interrupt_flag;
 use crate::clock::WallTime;
 use crate::config;
+use crate::config::quoted;
 use crate::ros::Watchdog;
 
 /// Emulated hardware.

@@ -7,8 +7,9 @@ use std::time::Duration;
 use clap::Args;
 
 use super::Usage;
-use super::run::{interrupt_flag, quoted};
+use super::run::interrupt_flag;
 use crate::config;
+use crate::config::quoted;
 
 /// Longest silence that the watchdog may be set to \[ms\].
 const LONGEST_MS: u64 = 1000;

@@ -10,17 +10,13 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::Context;
 use clap::Args;
 use indicatif::ProgressBar;
-use serde::Serialize;
 
-use super::run::{interrupt_flag, quoted};
+use super::run::interrupt_flag;
 use super::{Usage, print_json};
-use crate::config::{self, Config, LARGEST_SEED};
-use crate::controls::Controls;
-use crate::experiments::{EXPERIMENTS, Experiment, ExperimentResult, Finished, Plan, reproduce};
-use crate::outcome::{Ended, Summary};
+use crate::config::LARGEST_SEED;
+use crate::experiments::{ExperimentResult, Finished, reproduce};
+use crate::reproduction::{Document, Request, one};
 use crate::results::{check_free, claim, save};
-use crate::rig::Rig;
-use crate::run::{RunError, Unobserved, run};
 
 /// The paper's four experiments over seeds: Table I beside the paper's values.
 #[derive(Debug, Args)]
@@ -65,26 +61,8 @@ const RESULTS: &str = "reproduce.json";
 /// Finished runs, a line each, until the results of all of them are written.
 const LINES: &str = "runs.jsonl";
 
-#[derive(Serialize)]
-struct Document<'a> {
-    experiments: &'a [ExperimentResult],
-    /// Changes to the configuration of every run.
-    set: &'a [String],
-    finished: u64,
-    planned: u64,
-}
-
-/// Why a run could not be carried out.
-#[derive(Debug, thiserror::Error)]
-enum Failure {
-    #[error(transparent)]
-    Run(#[from] RunError),
-    #[error("phantom: {0}")]
-    Phantom(#[from] phantom::SettingsError),
-}
-
 pub(super) fn execute(args: &ReproduceArgs) -> anyhow::Result<ExitCode> {
-    let plan = args.plan()?;
+    let plan = args.request().plan().map_err(|e| Usage(e.to_string()))?;
     let lines = args.out.as_deref().map(claim_folder).transpose()?;
     let lines = lines.map(Mutex::new);
     let interrupt = interrupt_flag()?;
@@ -165,106 +143,18 @@ fn write_results(out: &Path, document: &Document<'_>, printed: bool) -> anyhow::
     written.context("the results of all finished runs are printed as JSON, not written")
 }
 
-/// One run; nothing where the user stopped it.
-fn one(config: &Config, interrupt: &Controls) -> Result<Option<Summary>, Failure> {
-    if interrupt.is_interrupted() {
-        return Ok(None);
-    }
-    let mut rig = Rig::new(config).map_err(RunError::from)?;
-    let summary = run(config, &mut rig, &mut Unobserved, interrupt)?;
-    Ok((summary.ended != Ended::Interrupted).then_some(summary))
-}
-
 impl ReproduceArgs {
-    fn plan(&self) -> anyhow::Result<Plan> {
-        let experiments: Result<Vec<Experiment>, Usage> = self
-            .experiments
-            .iter()
-            .map(|name| {
-                EXPERIMENTS
-                    .into_iter()
-                    .find(|e| e.name == name)
-                    .ok_or_else(|| {
-                        Usage(format!(
-                            "--experiments: `{name}` is unknown; expected some of e1,e2,e3,e4"
-                        ))
-                    })
-            })
-            .collect();
-        if self.runs == 0 {
-            return Err(Usage("--runs: expected at least 1".into()).into());
-        }
-        if self.seed.checked_add(self.runs - 1).is_none() {
-            return Err(Usage(format!(
-                "--seed {} --runs {}: the last seed is above {}, the largest there is",
-                self.seed,
-                self.runs,
-                u64::MAX
-            ))
-            .into());
-        }
-        let mut overrides = self.set.clone();
-        overrides.push(format!("run.phantom={}", quoted(&self.phantom)));
-        overrides.push(format!("run.law={}", quoted(&self.law)));
-        overrides.extend(
-            self.sensor
-                .as_ref()
-                .map(|s| format!("run.sensor={}", quoted(s))),
-        );
-        let plan = Plan {
-            experiments: experiments?,
+    fn request(&self) -> Request {
+        Request {
+            experiments: self.experiments.clone(),
             law: self.law.clone(),
-            first_seed: self.seed,
             runs: self.runs,
+            seed: self.seed,
+            phantom: self.phantom.clone(),
+            sensor: self.sensor.clone(),
             brackets: self.brackets,
-            base: config::load(None, &overrides)?,
-        };
-        let unattended = plan.base.check_unattended();
-        unattended.map_err(|e| Usage(format!("key `{}`: {}", e.key, e.problem)))?;
-        self.check_heeded(&plan)?;
-        Ok(plan)
-    }
-
-    /// Refuses a `--set` that an experiment would not heed.
-    fn check_heeded(&self, plan: &Plan) -> anyhow::Result<()> {
-        let given = toml::Value::try_from(config::load(None, &self.set)?)?;
-        for argument in &self.set {
-            let key = argument.split('=').next().unwrap_or_default().trim();
-            for experiment in &plan.experiments {
-                // A seed of its own: every run has another.
-                let run = toml::Value::try_from(plan.config(experiment, 0))?;
-                let (wanted, taken) = (value_at(&given, key), value_at(&run, key));
-                if key == "run.seed" || wanted != taken {
-                    return Err(Usage(format!(
-                        "--set {argument}: {} sets {key} itself{}",
-                        experiment.name,
-                        instead_of(key)
-                    ))
-                    .into());
-                }
-            }
+            set: self.set.clone(),
         }
-        Ok(())
-    }
-}
-
-fn value_at<'a>(config: &'a toml::Value, key: &str) -> Option<&'a toml::Value> {
-    key.split('.')
-        .try_fold(config, |table, part| table.get(part.trim()))
-}
-
-/// Why a key is not heeded, and what is.
-fn instead_of(key: &str) -> &'static str {
-    match key {
-        "run.seed" => "; --seed gives the first one",
-        "run.law" => "; --law names the law of e2 and e4",
-        "run.phantom" => "; use --phantom",
-        "run.sensor" => "; use --sensor",
-        "run.check_reach" => ": a target out of reach is measured all the same",
-        _ if key.starts_with("target") => {
-            ": where the paper has its targets; `run` and `campaign` take others"
-        }
-        _ => "",
     }
 }
 

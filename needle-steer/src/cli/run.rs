@@ -89,7 +89,7 @@ impl RunArgs {
             overrides.extend(
                 value
                     .as_ref()
-                    .map(|value| format!("{key}={}", quoted(value))),
+                    .map(|value| format!("{key}={}", config::quoted(value))),
             );
         }
         overrides.extend(self.seed.map(|seed| format!("run.seed={seed}")));
@@ -99,11 +99,6 @@ impl RunArgs {
         }));
         config::load(self.config.as_deref(), &overrides)
     }
-}
-
-/// A TOML string, so that a name like `1` stays a name.
-pub(super) fn quoted(value: &str) -> String {
-    toml::Value::String(value.to_owned()).to_string()
 }
 
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {

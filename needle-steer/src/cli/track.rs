@@ -1,7 +1,6 @@
 //! `track`: the needle in recorded images of two cameras, or of one and a known plane.
 
 mod input;
-mod line;
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, ErrorKind, Write};
@@ -18,8 +17,8 @@ use vision::files::{FileError, read_image, write_overlay};
 use vision::track::{Context, FrameError, Tracked};
 
 use super::{Usage, print_json};
+use crate::tracked::Line;
 use input::{Tracker, picture, prepare, refused};
-use line::Line;
 
 #[derive(Debug, Args)]
 pub(super) struct TrackArgs {

@@ -7,8 +7,9 @@ use std::process::ExitCode;
 use clap::Args;
 use hal::Arm;
 
-use super::run::{interrupt_flag, quoted};
+use super::run::interrupt_flag;
 use super::{print_json, unusable};
+use crate::config::quoted;
 use crate::config::{Backend, Config};
 use crate::controls::Wish;
 use crate::host::degrees;

@@ -51,6 +51,11 @@ pub enum ConfigError {
     },
 }
 
+/// A TOML string, so that a name like `1` stays a name.
+pub fn quoted(value: &str) -> String {
+    toml::Value::String(value.to_owned()).to_string()
+}
+
 /// Where a value came from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Origin {

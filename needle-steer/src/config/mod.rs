@@ -13,7 +13,7 @@ use hal::guarded::Workspace;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-pub use load::{Base, ConfigError, Origin, assemble, load, parse};
+pub use load::{Base, ConfigError, Origin, assemble, load, parse, quoted};
 pub use ros::{Ros, RosClock};
 pub use supervisor::Supervisor;
 

@@ -143,12 +143,12 @@ def _as_completed(pending, dask):
 
 def _on_ray(executor, text, name, numbers, step):
     """Runs on Ray, which gives a lost worker's runs to another by itself."""
+    if executor != "ray" and not executor.startswith("ray://"):
+        raise InputError(f"executor {executor!r}: expected \"ray\" or \"ray://ADDRESS\"")
     try:
         import ray
     except ImportError as missing:
         raise InputError("executor=\"ray\" needs Ray: pip install 'needle_steer[ray]'") from missing
-    if executor != "ray" and not executor.startswith("ray://"):
-        raise InputError(f"executor {executor!r}: expected \"ray\" or \"ray://ADDRESS\"")
     if not ray.is_initialized():
         ray.init(address=None if executor == "ray" else executor)
     remote = ray.remote(max_retries=ATTEMPTS)(_one)

@@ -1,4 +1,4 @@
-//! What is written of a frame.
+//! What is told of a tracked frame.
 
 use hal::telemetry::Tracking;
 use nalgebra::{Matrix3, Point3};
@@ -8,15 +8,23 @@ use vision::track::{FrameError, Tracked};
 use crate::sight;
 
 /// One frame's results.
-#[derive(Serialize)]
-pub(super) struct Line {
+#[derive(Clone, Debug, Serialize)]
+pub struct Line {
+    /// Number of the frame.
     pub frame: usize,
+    /// `tracked`, `predicted` or `lost`.
     pub status: &'static str,
+    /// The tip O in the left camera's frame; nothing while the needle is lost.
     pub tip_m: Option<[f64; 3]>,
+    /// Points of the shaft, from where it comes into sight.
     pub shape_m: Option<Vec<[f64; 3]>>,
+    /// Covariance of the tip.
     pub tip_covariance_m2: Option<[[f64; 3]; 3]>,
+    /// The tip in the left image.
     pub left_tip_px: Option<[f64; 2]>,
+    /// The tip in the right image.
     pub right_tip_px: Option<[f64; 2]>,
+    /// The sharp point of a bevel.
     pub tip_point_m: Option<[f64; 3]>,
     /// Which step failed, in which image, and what it saw; `null` where the needle was measured.
     pub reason: Option<String>,
@@ -27,12 +35,7 @@ pub(super) struct Line {
 
 impl Line {
     /// Of `frame`; `bevel` is the bevel's length \[m\].
-    pub(super) fn new(
-        frame: usize,
-        tracked: &Tracked,
-        refused: Option<&FrameError>,
-        bevel: f64,
-    ) -> Self {
+    pub fn new(frame: usize, tracked: &Tracked, refused: Option<&FrameError>, bevel: f64) -> Self {
         let status = match tracked.status {
             Tracking::Tracked => "tracked",
             Tracking::Predicted => "predicted",
