@@ -109,7 +109,10 @@ impl Depth {
         let bits = (u16::BITS - brightest.leading_zeros()).next_multiple_of(2);
         self.0 = self.0.max(bits);
         let shift = self.0 - u8::BITS;
-        words.iter().map(|word| (word >> shift) as u8).collect()
+        words
+            .iter()
+            .map(|word| u8::try_from(word >> shift).unwrap_or(u8::MAX))
+            .collect()
     }
 }
 
@@ -188,7 +191,7 @@ pub(crate) fn grey(
                             .zip(LUMA)
                             .map(|(&at, weight)| u32::from(pixel[at]) * weight)
                             .sum();
-                        (sum >> u8::BITS) as u8
+                        u8::try_from(sum >> u8::BITS).unwrap_or(u8::MAX)
                     })
                     .collect()
             }
@@ -226,7 +229,7 @@ fn demosaiced(mosaic: &[u8], width: usize, height: usize) -> Vec<u8> {
                     sum += across * along * u32::from(mosaic[row * width + column]);
                 }
             }
-            grey.push((sum >> 4) as u8);
+            grey.push(u8::try_from(sum >> 4).unwrap_or(u8::MAX));
         }
     }
     grey
