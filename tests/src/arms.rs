@@ -33,17 +33,6 @@ fn insertion(urdf: Option<&Path>, kind: &str, seed: u32) -> Config {
     config::load(None, &overrides).unwrap()
 }
 
-/// The same with the arm at a place where it can insert; nothing, with the reason, if it cannot.
-fn placed(mut config: Config) -> Result<Config, String> {
-    let chain = rig::chain(&config).map_err(|e| e.to_string())?;
-    let Err(refused) = rig::start(&config, &chain, &rig::arm_place(&config)) else {
-        return Ok(config);
-    };
-    let place = rig::suggest(&config, &chain).ok_or_else(|| refused.to_string())?;
-    (config.arm.base_mm, config.arm.base_rpy_deg) = (place.base_mm, place.base_rpy_deg);
-    Ok(config)
-}
-
 fn error(config: &Config) -> f64 {
     let summary = simulate(config).unwrap();
     let arm = &config.arm.urdf;
@@ -58,7 +47,7 @@ fn arms_of_other_makers_insert_as_well_as_the_viper() {
         let mut cases = Vec::new();
         for file in urdfs() {
             // The place is looked for with the target aside, which asks more.
-            match placed(insertion(Some(&file), "shifted", 1)) {
+            match rig::placed(&insertion(Some(&file), "shifted", 1)) {
                 Ok(there) => {
                     let mut config = insertion(Some(&file), kind, 1);
                     config.arm = there.arm;
@@ -66,6 +55,7 @@ fn arms_of_other_makers_insert_as_well_as_the_viper() {
                 }
                 // Only the arm whose last joint turns 298 degrees.
                 Err(reason) => {
+                    let reason = reason.to_string();
                     assert!(file.ends_with("kinova_gen3_lite.urdf"), "{reason}");
                     assert!(reason.contains("298.0 of the 300 deg"), "{reason}");
                     refused += 1;
@@ -174,53 +164,66 @@ fn random_arm(seed: u32) -> String {
     urdf
 }
 
-#[test]
-fn whatever_the_arm_an_insertion_passes_or_is_refused_before_it_moves() {
-    let folder = std::env::temp_dir().join(format!("random-arms-{}", std::process::id()));
+/// What became of the insertion with random arm `seed`, its file in `folder`.
+fn verdict_on(seed: u32, folder: &Path) -> Result<(Ended, Option<f64>), String> {
+    let file = folder.join(format!("{seed}.urdf"));
+    std::fs::write(&file, random_arm(seed)).unwrap();
+    let kind = if seed.is_multiple_of(2) {
+        "aligned"
+    } else {
+        "shifted"
+    };
+    let mut config = insertion(Some(&file), kind, 1 + seed);
+    config.arm.tip_link = "held".to_owned();
+    let chain = rig::chain(&config).unwrap();
+    if let Err(misfit) = rig::check_chain(&chain) {
+        // The remedy of a holder off the axis is a tool that fits.
+        let tool = chain.tool_on_last_axis().unwrap();
+        let travel = rig::check_chain(&chain.with_tool(&tool));
+        let text = format!("{misfit} {travel:?}");
+        assert!(
+            travel.is_ok() || text.contains("deg that steering"),
+            "{text}"
+        );
+        return Err(misfit.to_string());
+    }
+    let config = rig::placed(&config).map_err(|e| e.to_string())?;
+    let summary = simulate(&config).unwrap();
+    println!(
+        "{seed},{kind},{:?},{}",
+        summary.true_error_mm, summary.ended
+    );
+    Ok((summary.ended, summary.true_error_mm))
+}
+
+/// Random arms `seeds`: an insertion passes, or is refused before it moves.
+fn pass_or_are_refused(seeds: std::ops::Range<u32>) {
+    let name = format!("random-arms-{}-{}", seeds.start, std::process::id());
+    let folder = std::env::temp_dir().join(name);
     std::fs::create_dir_all(&folder).unwrap();
-    let seeds: Vec<u32> = (0..24).collect();
-    let verdicts = in_parallel(&seeds, 2, |seed| {
-        let file = folder.join(format!("{seed}.urdf"));
-        std::fs::write(&file, random_arm(*seed)).unwrap();
-        let kind = if seed % 2 == 0 { "aligned" } else { "shifted" };
-        let mut config = insertion(Some(&file), kind, 1 + *seed);
-        config.arm.tip_link = "held".to_owned();
-        let chain = rig::chain(&config).unwrap();
-        if let Err(misfit) = rig::check_chain(&chain) {
-            // The remedy of a holder off the axis is a tool that fits.
-            let tool = chain.tool_on_last_axis().unwrap();
-            let travel = rig::check_chain(&chain.with_tool(&tool));
-            let text = format!("{misfit} {travel:?}");
-            assert!(
-                travel.is_ok() || text.contains("deg that steering"),
-                "{text}"
-            );
-            return Err(misfit.to_string());
-        }
-        let config = placed(config)?;
-        let summary = simulate(&config).unwrap();
-        Ok((summary.ended, summary.true_error_mm))
-    });
+    let seeds: Vec<u32> = seeds.collect();
+    let verdicts = in_parallel(&seeds, 2, |seed| verdict_on(*seed, &folder));
     std::fs::remove_dir_all(&folder).unwrap();
-    let (mut passed, mut aside) = (0, 0);
+    let mut passed = 0;
+    let mut wrong = Vec::new();
     for (seed, verdict) in seeds.iter().zip(&verdicts) {
         match verdict {
-            Ok((ended, error)) => {
-                // One arm of these comes out of reach of a target aside by a millimetre.
-                if seed % 2 == 1 && matches!(ended, Ended::Unreachable(by) if *by < 1.5e-3) {
-                    aside += 1;
-                    continue;
-                }
-                assert_eq!(*ended, Ended::TargetPassed, "arm {seed}");
-                assert!(
-                    error.is_some_and(|error| error < 0.3),
-                    "arm {seed}: {error:?}"
-                );
-                passed += 1;
-            }
+            Ok((Ended::TargetPassed, Some(error))) if *error < 0.3 => passed += 1,
+            Ok(ended) => wrong.push((*seed, format!("{ended:?}"))),
             Err(reason) => assert!(reason.len() > 20, "arm {seed}: {reason}"),
         }
     }
-    assert!(aside <= 1, "{verdicts:?}");
-    assert!(passed >= 10, "{passed} of {}: {verdicts:?}", seeds.len());
+    assert!(wrong.is_empty(), "{wrong:?}");
+    assert!(5 * passed >= 2 * seeds.len(), "{passed}: {verdicts:?}");
+}
+
+#[test]
+fn whatever_the_arm_an_insertion_passes_or_is_refused_before_it_moves() {
+    pass_or_are_refused(0..24);
+}
+
+#[test]
+#[ignore = "a campaign of minutes"]
+fn two_hundred_more_arms_pass_or_are_refused() {
+    pass_or_are_refused(1000..1200);
 }

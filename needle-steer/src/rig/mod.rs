@@ -37,7 +37,7 @@ pub use eyes::{Eyes, Sighting};
 pub use fit::{Course, Demand, Misfit, check_chain, follow};
 pub use marker::MarkerEyes;
 pub use start::{Start, arm_place, assumed_speeds, bearings, chain, start};
-pub use suggest::{Place as Suggestion, suggest};
+pub use suggest::{Place as Suggestion, placed, suggest};
 pub(crate) use tool::PlacedTool;
 use tool::check_start;
 

@@ -6,8 +6,9 @@ use hal::Joints;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use robots::kinematics::{Chain, JointKind};
 
+use super::RigBuildError;
 use super::fit::{self, Course, Demand};
-use super::start::{arm_place, start};
+use super::start::{arm_place, chain, start};
 use crate::config::Config;
 use crate::roll;
 
@@ -71,6 +72,23 @@ pub fn suggest(config: &Config, chain: &Chain) -> Option<Place> {
             course: start.course,
         })
     })
+}
+
+/// `config` with its arm at a place from which a run is accepted: its own, or one that [`suggest`]
+/// finds.
+///
+/// # Errors
+/// The arm makes no chain, or why it cannot insert from its own place where no other was found.
+pub fn placed(config: &Config) -> Result<Config, RigBuildError> {
+    let chain = chain(config)?;
+    let mut config = config.clone();
+    if let Err(refused) = start(&config, &chain, &arm_place(&config)) {
+        let Some(place) = suggest(&config, &chain) else {
+            return Err(refused);
+        };
+        (config.arm.base_mm, config.arm.base_rpy_deg) = (place.base_mm, place.base_rpy_deg);
+    }
+    Ok(config)
 }
 
 /// Point `index` of the Halton sequence in the inner part of the joints' ranges.
