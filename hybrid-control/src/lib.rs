@@ -3,7 +3,7 @@
 //! Read [`view`] first: what a law sees and what it answers. The paper's section III follows
 //! equation by equation in [`tasks`], [`priority`] and [`duty_cycle`]; beyond the paper are the
 //! [`bevel`] modulator, the [`levels`] with inequality constraints and the [`estimator`] with
-//! its predictive model. [`motion`] takes moving tissue out of all of them. [`laws`] puts them
+//! its predictive model. [`freedom`] is what a device can do. [`motion`] takes moving tissue out of all of them. [`laws`] puts them
 //! together; [`reach`] says when it is over.
 //!
 //! Everything is in World unless a name says otherwise; SI units.
@@ -25,6 +25,7 @@ pub mod qp;
 pub mod levels;
 
 pub mod estimator;
+pub mod freedom;
 pub mod laws;
 pub mod motion;
 pub mod reach;
@@ -32,6 +33,7 @@ pub mod settings;
 mod workspace;
 
 pub use estimator::{Estimator, EstimatorError, Health, Observation, Rollout, Start};
+pub use freedom::Freedom;
 pub use laws::{LAW_NAMES, LawError, guarded, law_by_name};
 pub use motion::{TissueField, TissueMotion, TissueSway};
 pub use reach::{

@@ -1,10 +1,11 @@
 //! When an insertion ends, and whether a target can be reached at all.
 
-use hal::Stamp;
 use hal::telemetry::LawReport;
-use nalgebra::{Isometry3, Point3};
+use hal::{Stamp, Twist};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::estimator::{Estimator, Rollout};
+use crate::freedom::Freedom;
 use crate::settings::Limits;
 
 /// Distance of the target ahead of the tip along its axis \[m\]; negative: it has been passed.
@@ -59,7 +60,7 @@ impl ReachMonitor {
 }
 
 /// Why an insertion is refused before it starts.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Unreachable {
     /// The target is not in front of the tip.
     #[error("the target is {behind_mm:.1} mm behind the tip")]
@@ -85,6 +86,14 @@ pub enum Unreachable {
         /// What bevel and base can give together \[mm\].
         reach_mm: f64,
     },
+    /// Neither bevel nor base can be moved as the law wants.
+    #[error(
+        "law {law} steers with what this device cannot do (needle-steer check says what it can)"
+    )]
+    NoMeans {
+        /// The law.
+        law: String,
+    },
     /// The target is not a finite point.
     #[error("the target's coordinates are not finite")]
     NonFinite,
@@ -95,30 +104,77 @@ pub enum Unreachable {
 pub struct Means {
     /// The bevel.
     pub bevel: bool,
-    /// The base.
-    pub base: bool,
+    /// Pivots of the base about the entry.
+    pub pivot: bool,
+    /// Shifts of the base across the needle.
+    pub shift: bool,
 }
 
 impl Means {
     /// Those of the law of that name; unknown names have both.
     pub fn of_law(name: &str) -> Self {
         match name {
-            "none" => Self {
-                bevel: false,
-                base: false,
-            },
+            "none" => Self::NONE,
             "tip-only" => Self {
                 bevel: true,
-                base: false,
+                ..Self::NONE
             },
             "base-only" | "broyden" => Self {
-                bevel: false,
-                base: true,
+                pivot: true,
+                ..Self::NONE
+            },
+            "paper" | "paper-verbatim" => Self {
+                bevel: true,
+                pivot: true,
+                shift: false,
             },
             _ => Self {
                 bevel: true,
-                base: true,
+                pivot: true,
+                shift: true,
             },
+        }
+    }
+
+    /// Nothing: straight on.
+    pub const NONE: Self = Self {
+        bevel: false,
+        pivot: false,
+        shift: false,
+    };
+
+    /// Whether the base steers.
+    pub const fn base(self) -> bool {
+        self.pivot || self.shift
+    }
+
+    /// What a device with `freedom` leaves of them, its base at `world_from_base`.
+    #[must_use]
+    pub fn within(
+        self,
+        freedom: &Freedom,
+        world_from_base: &Isometry3<f64>,
+        entry: &Point3<f64>,
+    ) -> Self {
+        if freedom.is_full() {
+            return self;
+        }
+        let arm = world_from_base.translation.vector - entry.coords;
+        let axes = [Vector3::x(), Vector3::y()].map(|axis| world_from_base.rotation * axis);
+        let turn = |axis: Vector3<f64>, arm: Vector3<f64>| Twist {
+            linear: axis.cross(&arm),
+            angular: axis,
+        };
+        let slide = |axis| Twist {
+            linear: axis,
+            angular: Vector3::zeros(),
+        };
+        let any = |twists| freedom.within::<2>(&twists).trace() > 0.5;
+        let along = world_from_base.rotation * Vector3::z();
+        Self {
+            bevel: self.bevel && freedom.gives(&turn(along, Vector3::zeros())),
+            pivot: self.pivot && any(axes.map(|axis| turn(axis, arm))),
+            shift: self.shift && any(axes.map(slide)),
         }
     }
 }
@@ -127,7 +183,8 @@ impl Means {
 /// with base authority counted.
 ///
 /// Half of what the base could do within its tilt is counted, or less where its offset ends the
-/// pivot earlier: its authority fades while it moves. The bevel's reach is that of the prior cut angle.
+/// pivot earlier: its authority fades while it moves. A base that only shifts may go so far that the
+/// entry is stretched as far as a plan may stretch it. The bevel's reach is that of the prior cut angle.
 ///
 /// # Errors
 /// See [`Unreachable`].
@@ -156,12 +213,7 @@ pub fn reachable_at_start(
             missing_mm: missing * 1e3,
         });
     }
-    if means
-        == (Means {
-            bevel: false,
-            base: false,
-        })
-    {
+    if means == Means::NONE {
         return Ok(());
     }
     let mut rollout = Rollout::new();
@@ -169,8 +221,15 @@ pub fn reachable_at_start(
     // A pivot about the entry shifts the base: a narrow workspace may end it before the tilt does.
     let height = (estimator.needle_length() - estimator.depth()).max(1e-3);
     let tilt = (limits.tilt_deg.to_radians() * 0.5).min(limits.base_offset_mm * 1e-3 / height);
-    let base = rollout.pivot.max(0.0) * tilt;
-    let reach = if means.base { base } else { 0.0 } + if means.bevel { rollout.bevel } else { 0.0 };
+    let base = if means.pivot {
+        rollout.pivot.max(0.0) * tilt
+    } else if means.shift {
+        let pressed = limits.entry_stretch_mm * 1e-3 / rollout.entry_per_shift.abs().max(1e-3);
+        (-rollout.shift).max(0.0) * pressed.min(0.5 * limits.base_offset_mm * 1e-3)
+    } else {
+        0.0
+    };
+    let reach = base + if means.bevel { rollout.bevel } else { 0.0 };
     let miss = rollout.miss.norm();
     if miss > reach {
         return Err(Unreachable::Aside {

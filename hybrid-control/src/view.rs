@@ -5,6 +5,7 @@ use hal::{Stamp, Twist};
 use nalgebra::{Isometry3, Matrix6, Point3, RowVector6, Unit, Vector2, Vector3};
 
 use crate::estimator::Estimator;
+use crate::freedom::Freedom;
 use crate::settings::Limits;
 
 /// The tip at the present time.
@@ -147,6 +148,8 @@ pub struct View<'a> {
     pub estimator: &'a Estimator,
     /// Travel left for spinning.
     pub roll_travel: RollTravel,
+    /// What the device can do with the base.
+    pub freedom: Freedom,
     /// Limits to keep.
     pub limits: &'a Limits,
     /// Nominal speed of insertion \[m/s\].
@@ -166,6 +169,11 @@ impl View<'_> {
             linear: omega.cross(&arm),
             angular: *omega,
         }
+    }
+
+    /// Whether the device spins the needle.
+    pub fn spins(&self) -> bool {
+        self.freedom.gives(&self.screw(0.0, 1.0))
     }
 
     /// Base twist of insertion at `speed` \[m/s\] along the base's axis and spin about it at
@@ -247,7 +255,8 @@ pub(crate) fn blank_report() -> LawReport {
 /// * `decide` never fails and never blocks. What cannot be used (a non-finite number, a missing
 ///   model, a solver without success) gives zero velocity and the mode
 ///   [`Hold`](SteeringMode::Hold).
-/// * The twist respects the speeds of [`Limits`] and the roll travel of the view.
+/// * The twist respects the speeds of [`Limits`] and the roll travel of the view, and is one that
+///   the device can give.
 /// * State is advanced by `view.dt` a call.
 pub trait Law: Send {
     /// The name by which configurations select it, and results name it.

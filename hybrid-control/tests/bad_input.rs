@@ -69,6 +69,7 @@ proptest! {
             shape: &[],
             estimator: &estimator,
             roll_travel: RollTravel { positive: travel, negative: 7.0 - travel },
+            freedom: hybrid_control::Freedom::full(),
             limits: &limits,
             insertion_speed: 1e-3,
         };

@@ -2,7 +2,8 @@
 
 use hal::frame::{ArmBase, LeftCamera, World};
 use hal::telemetry::{ModelReport, Phase, SteeringMode, Telemetry, Tracking};
-use hal::{ArmState, Position, Transform, Twist};
+use hal::{ArmState, Joints, Position, Transform, Twist};
+use hybrid_control::Freedom;
 use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::Chain;
 use vision::StereoRig;
@@ -25,6 +26,31 @@ pub struct Bearings {
 /// World pose of the needle's base at an encoder reading.
 pub fn base_pose(bearings: &Bearings, state: &ArmState) -> Isometry3<f64> {
     bearings.world_from_arm_base.isometry() * bearings.chain.forward(&state.positions)
+}
+
+/// What the device can do with the needle's base at an encoder reading. Six joints and more give
+/// every twist but in singularities, which are another matter.
+pub fn freedom(bearings: &Bearings, state: &ArmState) -> Freedom {
+    freedom_at(
+        &bearings.chain,
+        &state.positions,
+        bearings.world_from_arm_base.isometry(),
+    )
+}
+
+/// The same for joints `q`, as seen from a frame in which the chain's base has a pose.
+pub(crate) fn freedom_at(chain: &Chain, q: &Joints, base: &Isometry3<f64>) -> Freedom {
+    if chain.len() >= 6 {
+        return Freedom::full();
+    }
+    let jacobian = chain.jacobian(q);
+    Freedom::of(chain.kinds().iter().enumerate().map(|(joint, kind)| {
+        let twist = Twist::from_vector(&(jacobian.column(joint) * kind.unit()));
+        Twist {
+            linear: base.rotation * twist.linear,
+            angular: base.rotation * twist.angular,
+        }
+    }))
 }
 
 /// Where the needle's axis meets the surface.

@@ -20,11 +20,11 @@ use robots::kinematics::{RateSettings, TwistRates};
 use vision::track::TrackSettingsError;
 
 pub use crate::bearings::{Bearings, base_pose};
-use crate::bearings::{entry_point, first_telemetry};
+use crate::bearings::{entry_point, first_telemetry, freedom};
 use crate::config::Config;
 use crate::monitor::plausibility::{Implausible, Plausibility};
 use crate::odometry::Odometry;
-use crate::roll::{joint_rates, roll_travel};
+use crate::roll::{joint_rates, roll_travel, within_speed};
 use crate::sight::Sight;
 use crate::springs::{self, SpringsError, SpringsModel};
 use crate::tissue::{Tissue, narrow};
@@ -122,9 +122,10 @@ impl Cycle {
         };
         let mut estimator = Estimator::new(&config.estimator, &start)?;
         let tip = estimator.predict(state.stamp, &world_from_base);
+        let limits = within_speed(&config.limits, &bearings.chain);
         Ok(Self {
-            limits: config.limits.clone(),
-            limits_at_rest: config.limits.clone(),
+            limits_at_rest: limits.clone(),
+            limits,
             rates: RateSettings::default(),
             insertion_speed: config.run.insertion_speed_mm_s * 1e-3,
             entry,
@@ -364,6 +365,7 @@ impl Cycle {
             },
             estimator: &self.estimator,
             roll_travel: roll_travel(&self.bearings, snapshot.arm),
+            freedom: freedom(&self.bearings, snapshot.arm),
             limits: &self.limits_at_rest,
             insertion_speed: self.tissue.speed(
                 snapshot.now,

@@ -1,7 +1,8 @@
-//! The last joint, which turns the needle: what it has left, and what gives way at its end.
+//! The joint that turns the needle: what it has left, and what gives way at its end.
 
 use hal::telemetry::Limit;
-use hal::{ArmState, JointLimit, Twist};
+use hal::{ArmState, JointLimit, Joints, Twist};
+use hybrid_control::Limits;
 use hybrid_control::view::RollTravel;
 use nalgebra::Vector3;
 use robots::kinematics::{Chain, JointKind, RateSettings, TurnBudget, TwistRates};
@@ -16,20 +17,36 @@ const APPROACH: f64 = 0.05;
 /// Turns of a continuous joint to either side that a needle with a cable may make \[rad\].
 const CABLE: f64 = core::f64::consts::TAU;
 
-/// Sense in which the last joint counts turns about the needle's z: 1 or -1.
+/// Share of its speed that the joint may spend on spin: tilting turns it too.
+const FOR_SPIN: f64 = 0.9;
+
+/// Sense in which that joint counts turns about the needle's z: 1 or -1.
 pub(crate) fn sense(chain: &Chain) -> f64 {
     chain.spin().map_or(1.0, |spin| spin.sense)
 }
 
-/// Middle of the last joint's travel \[rad\].
+/// The laws' limits as the joint keeps them: a law that counts on more spin than there is believes
+/// turns made that were not.
+pub(crate) fn within_speed(limits: &Limits, chain: &Chain) -> Limits {
+    let mut limits = limits.clone();
+    if let Some(limit) = spin_limit(chain) {
+        let most = FOR_SPIN * limit.velocity.to_degrees();
+        limits.spin_speed_deg_s = limits.spin_speed_deg_s.min(most);
+    }
+    limits
+}
+
+/// Middle of the joint's travel \[rad\].
 pub(crate) fn middle(chain: &Chain) -> f64 {
     spin_limit(chain).map_or(0.0, |limit| 0.5 * (limit.lower + limit.upper))
 }
 
-/// Limits of the last joint as spin uses it: a joint without ends has its cable's.
+/// Limits of the joint as spin uses it: one without ends has its cable's. Nothing where no joint
+/// spins the needle.
 pub(crate) fn spin_limit(chain: &Chain) -> Option<JointLimit> {
-    chain.limits().last().map(|limit| {
-        let continuous = chain.kinds().last() == Some(&JointKind::Continuous);
+    let joint = chain.spin()?.joint;
+    chain.limits().get(joint).map(|limit| {
+        let continuous = chain.kinds()[joint] == JointKind::Continuous;
         let (lower, upper) = if continuous {
             (-CABLE, CABLE)
         } else {
@@ -43,16 +60,22 @@ pub(crate) fn spin_limit(chain: &Chain) -> Option<JointLimit> {
     })
 }
 
-/// Travel of the last joint, in the senses of the needle's z.
+/// Position of the joint; nothing where none spins the needle.
+fn position(chain: &Chain, positions: &Joints) -> Option<f64> {
+    positions.get(chain.spin()?.joint).copied()
+}
+
+/// Travel of the joint, in the senses of the needle's z.
 pub(crate) fn roll_travel(bearings: &Bearings, arm: &ArmState) -> RollTravel {
     let limit = spin_limit(&bearings.chain);
-    let (Some(q), Some(limit)) = (arm.positions.last(), limit) else {
+    let q = position(&bearings.chain, &arm.positions);
+    let (Some(q), Some(limit)) = (q, limit) else {
         return RollTravel {
             positive: 0.0,
             negative: 0.0,
         };
     };
-    let left = TurnBudget::new(&limit, MARGIN).remaining(*q);
+    let left = TurnBudget::new(&limit, MARGIN).remaining(q);
     let (positive, negative) = if sense(&bearings.chain) < 0.0 {
         (left.negative, left.positive)
     } else {
@@ -61,10 +84,11 @@ pub(crate) fn roll_travel(bearings: &Bearings, arm: &ArmState) -> RollTravel {
     RollTravel { positive, negative }
 }
 
-/// Travel of the last joint in the sense of a spin; negative beyond its margin.
+/// Travel of the joint in the sense of a spin; negative beyond its margin.
 fn room_in(bearings: &Bearings, arm: &ArmState, spin: f64) -> f64 {
     let limit = spin_limit(&bearings.chain);
-    let (Some(q), Some(limit)) = (arm.positions.last(), limit) else {
+    let q = position(&bearings.chain, &arm.positions);
+    let (Some(q), Some(limit)) = (q, limit) else {
         return 0.0;
     };
     let room = if spin * sense(&bearings.chain) > 0.0 {
@@ -77,7 +101,7 @@ fn room_in(bearings: &Bearings, arm: &ArmState, spin: f64) -> f64 {
 
 /// Joint rates for a twist of the needle's base (World).
 ///
-/// Tilting a base turns the last joint too. What that joint cannot turn any more is taken from
+/// Tilting a base turns the joint too. What that joint cannot turn any more is taken from
 /// the spin, or the arm would refuse the whole motion: the bevel gives way, and its law turns
 /// it back the other way round.
 pub(crate) fn joint_rates(
@@ -96,7 +120,8 @@ pub(crate) fn joint_rates(
     };
     let wanted = rates(twist);
     // As spin about the needle's z.
-    let rate = sense(&bearings.chain) * wanted.rates.last().copied().unwrap_or_default();
+    let rate = position(&bearings.chain, &wanted.rates).unwrap_or_default();
+    let rate = sense(&bearings.chain) * rate;
     // Negative beyond the end: the joint is turned back in, or the guard, which lets nothing
     // further out, would stop the whole arm for a rounding.
     let room = room_in(bearings, arm, rate);

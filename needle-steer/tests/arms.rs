@@ -179,3 +179,31 @@ fn a_place_that_is_suggested_works() {
     let checked = stdout(&with_arm(&["check"], &file, &[&mm, &deg]));
     assert!(checked.contains("fits"), "{checked}");
 }
+
+#[test]
+fn check_says_what_a_device_can_do() {
+    for (device, can) in [
+        ("stage", "device: insertion, spin, shift\n"),
+        ("insertion_spin", "device: insertion, spin\n"),
+        ("guide", "device: insertion, shift\n"),
+    ] {
+        let file = format!(
+            "{}/../robots/urdf/{device}.urdf",
+            env!("CARGO_MANIFEST_DIR")
+        );
+        let more = ["arm.tip_link=needle_base", "arm.mechanism=true"];
+        let refused = with_arm(&["check"], &file, &more);
+        assert!(
+            stderr(&refused).contains("beside the start of the insertion"),
+            "{}",
+            stderr(&refused)
+        );
+        let text = stdout(&with_arm(&["check", "--suggest"], &file, &more));
+        let place: toml::Table = text.parse().unwrap();
+        let set = |key: &str| format!("arm.{key}={}", place["arm"][key]);
+        let (mm, deg) = (set("base_mm"), set("base_rpy_deg"));
+        let there = [more[0], more[1], &mm, &deg];
+        let checked = stdout(&with_arm(&["check"], &file, &there));
+        assert!(checked.ends_with(can), "{device}: {checked}");
+    }
+}

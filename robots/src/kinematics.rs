@@ -15,7 +15,7 @@ mod spin;
 mod turns;
 mod urdf;
 
-pub use chain::{Chain, ENDLESS, Jacobian, JointKind};
+pub use chain::{Chain, ENDLESS, Jacobian, JointKind, SLIDE_OF_A_RADIAN};
 pub use inverse::Turns;
 pub use opw::OpwParameters;
 pub use rates::{RateSettings, TwistRates};

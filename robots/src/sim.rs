@@ -36,7 +36,8 @@ pub struct SimSettings {
     pub command_latency: Duration,
     /// From an encoder reading to its arrival.
     pub feedback_latency: Duration,
-    /// Step of the encoders \[rad\]; 0 reads exactly.
+    /// Step of the encoders \[rad\]; 0 reads exactly. This and other angles are a tenth in metres for
+    /// joints that slide ([`crate::kinematics::SLIDE_OF_A_RADIAN`]).
     pub encoder_step: f64,
     /// Age at which a command is no longer executed: the arm ramps to zero.
     pub command_expiry: Duration,
@@ -152,10 +153,17 @@ impl SimulatedArm {
     /// # Errors
     /// The start is outside the limits, or a setting is out of range.
     pub fn new(chain: &Chain, start: &Joints, settings: SimSettings) -> Result<Self, SimError> {
-        Self::from_limits(chain.names().to_vec(), chain.limits(), start, settings)
+        let units: Vec<f64> = chain.kinds().iter().map(|kind| kind.unit()).collect();
+        Self::build(
+            chain.names().to_vec(),
+            chain.limits(),
+            &units,
+            start,
+            settings,
+        )
     }
 
-    /// The same without a chain.
+    /// The same without a chain, all joints turning.
     ///
     /// # Errors
     /// As [`SimulatedArm::new`].
@@ -165,7 +173,18 @@ impl SimulatedArm {
         start: &Joints,
         settings: SimSettings,
     ) -> Result<Self, SimError> {
-        let world = World::new(names, limits, start, settings)?;
+        let units = vec![1.0; limits.len()];
+        Self::build(names, limits, &units, start, settings)
+    }
+
+    fn build(
+        names: Vec<String>,
+        limits: &[JointLimit],
+        units: &[f64],
+        start: &Joints,
+        settings: SimSettings,
+    ) -> Result<Self, SimError> {
+        let world = World::new(names, limits, units, start, settings)?;
         Ok(Self {
             world: Arc::new(Mutex::new(world)),
         })

@@ -6,6 +6,7 @@ mod arms;
 mod arrows;
 mod bounds;
 mod calibration_truth;
+mod devices;
 mod equations;
 mod hazards;
 mod monitor;

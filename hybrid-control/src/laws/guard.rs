@@ -41,6 +41,7 @@ impl Law for Guarded {
         if !decision.twist.is_finite() {
             return Decision::hold();
         }
+        leave_out(&mut decision.twist, view);
         keep_limits(&mut decision, view);
         decision
     }
@@ -77,6 +78,30 @@ impl Parts {
         Twist {
             linear: self.across + axis * self.insertion,
             angular: self.tilt + axis * self.spin,
+        }
+    }
+}
+
+/// Leaves out what the device cannot do: insertion, spin and the base's motion, each as a whole.
+fn leave_out(twist: &mut Twist, view: &View<'_>) {
+    if view.freedom.is_full() || view.freedom.gives(twist) {
+        return;
+    }
+    let axis = view.base_axis();
+    let parts = Parts::of(twist, &axis);
+    let screws = [
+        view.screw(parts.insertion, 0.0),
+        view.screw(0.0, parts.spin),
+    ];
+    let base = Twist {
+        linear: parts.across,
+        angular: parts.tilt,
+    };
+    *twist = Twist::zero();
+    for part in screws.into_iter().chain([base]) {
+        if view.freedom.gives(&part) {
+            twist.linear += part.linear;
+            twist.angular += part.angular;
         }
     }
 }
@@ -216,6 +241,7 @@ mod tests {
                     positive: 1.0,
                     negative: 1.0,
                 },
+                freedom: crate::Freedom::full(),
                 limits,
                 insertion_speed: 1e-3,
             };

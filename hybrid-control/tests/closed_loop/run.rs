@@ -219,6 +219,7 @@ pub(crate) fn insert(case: &Case<'_>) -> Outcome {
                     positive: RANGE - roll,
                     negative: RANGE + roll,
                 },
+                freedom: hybrid_control::Freedom::full(),
                 limits: &limits,
                 insertion_speed: 1e-3,
             };

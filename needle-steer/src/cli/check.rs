@@ -37,6 +37,14 @@ pub(super) fn execute(args: &CheckArgs) -> anyhow::Result<ExitCode> {
     let name = args.config.as_ref().map(|file| file.display().to_string());
     writeln!(out, "{}: valid", name.as_deref().unwrap_or("defaults"))?;
     writeln!(out, "arm: {}", margins(&config, &chain, &start.course))?;
+    if chain.len() < 6 {
+        let length = config.needle.length_mm * 1e-3;
+        writeln!(
+            out,
+            "device: {}",
+            rig::abilities(&chain, &start.joints, length)
+        )?;
+    }
     Ok(ExitCode::SUCCESS)
 }
 
@@ -46,11 +54,9 @@ pub(super) fn margins(config: &Config, chain: &Chain, course: &Course) -> String
     if course.room.is_infinite() {
         return format!("a straight insertion of {depth:.0} mm fits");
     }
-    let joint = chain.names().get(course.joint).map_or("", String::as_str);
-    format!(
-        "a straight insertion of {depth:.0} mm fits; {joint} comes within {:.1} deg of its end",
-        course.room.to_degrees()
-    )
+    let (joint, kind) = (&chain.names()[course.joint], chain.kinds()[course.joint]);
+    let room = kind.in_words(course.room * kind.unit());
+    format!("a straight insertion of {depth:.0} mm fits; {joint} comes within {room} of its end")
 }
 
 fn suggest(config: &Config, chain: &Chain, out: &mut impl Write) -> anyhow::Result<ExitCode> {

@@ -436,6 +436,8 @@ pub struct Arm {
     pub tip_rpy_deg: [f64; 3],
     /// Link at which the arm's chain begins; empty for the URDF's root.
     pub base_link: String,
+    /// Take prismatic joints and any number of joints up to seven: stages, insertion-and-spin devices.
+    pub mechanism: bool,
     /// Prismatic joints of the chain that are held still, and where \[mm\].
     pub held_joints_mm: BTreeMap<String, f64>,
     /// Turning joints of the chain that are held still, and where \[deg\].

@@ -1,19 +1,19 @@
 //! Whether the arm stands where the insertion starts.
 
 use hal::Joints;
-use robots::kinematics::Chain;
+use robots::kinematics::{Chain, JointKind};
 
 use crate::host::degrees;
 
-/// Distance from the start at which a joint counts as there \[rad\].
+/// Distance from the start at which a joint counts as there \[rad\]; of sliding joints by their unit.
 const AT_START: f64 = 0.01;
 
 /// The arm does not stand where the insertion starts.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "the arm does not stand at the start of the insertion: the needle's base is {distance_mm:.1} mm \
-     and {angle_deg:.1} deg away from it, joint {joint} (from 1) at {found_deg:.2} deg instead of \
-     {expected_deg:.2} deg. Move it to {start_deg} deg (~home does where it is offered; \
+     and {angle_deg:.1} deg away from it, joint {joint} (from 1) at {at} instead of {expected}. \
+     Move it to {start} (~home does where it is offered; \
      tissue.entry_mm, needle.length_mm and [arm] set that place)"
 )]
 pub struct NotAtStart {
@@ -23,12 +23,12 @@ pub struct NotAtStart {
     pub angle_deg: f64,
     /// The joint that is farthest away, from 1.
     pub joint: usize,
-    /// Where it stands \[deg\].
-    pub found_deg: f64,
-    /// Where it should \[deg\].
-    pub expected_deg: f64,
-    /// All joints of the start \[deg\].
-    pub start_deg: String,
+    /// Where it stands, with the unit.
+    pub at: String,
+    /// Where it should.
+    pub expected: String,
+    /// All joints of the start, with their units.
+    pub start: String,
     /// Where all joints stand \[rad\].
     pub found: Joints,
 }
@@ -39,7 +39,10 @@ impl NotAtStart {
     /// # Errors
     /// It does not, by the figures.
     pub fn check(chain: &Chain, found: &Joints, start: &Joints) -> Result<(), Box<Self>> {
-        let off = found.zip(start, |found, start| (found - start).abs());
+        let mut off = found.zip(start, |found, start| (found - start).abs());
+        for (off, kind) in off.iter_mut().zip(chain.kinds()) {
+            *off /= kind.unit();
+        }
         // What is not a number is not there.
         if off.iter().all(|off| *off <= AT_START) {
             return Ok(());
@@ -52,12 +55,27 @@ impl NotAtStart {
             distance_mm: way.norm() * 1e3,
             angle_deg: here.rotation.angle_to(&there.rotation).to_degrees(),
             joint: joint + 1,
-            found_deg: found[joint].to_degrees(),
-            expected_deg: start[joint].to_degrees(),
-            start_deg: degrees(start),
+            at: in_words(chain, joint, found[joint]),
+            expected: in_words(chain, joint, start[joint]),
+            start: all_in_words(chain, start),
             found: *found,
         }))
     }
+}
+
+fn in_words(chain: &Chain, joint: usize, position: f64) -> String {
+    let kind = chain.kinds().get(joint);
+    kind.map_or_else(String::new, |kind| kind.in_words(position))
+}
+
+/// Degrees, as where all joints turn a person types them; each with its unit where some slide.
+fn all_in_words(chain: &Chain, joints: &Joints) -> String {
+    if chain.kinds().contains(&JointKind::Prismatic) {
+        let each = joints.iter().enumerate();
+        let words: Vec<String> = each.map(|(i, q)| in_words(chain, i, *q)).collect();
+        return format!("[{}]", words.join(", "));
+    }
+    format!("{} deg", degrees(joints))
 }
 
 #[cfg(test)]

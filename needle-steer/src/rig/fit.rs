@@ -6,6 +6,8 @@ use hal::{Joints, Twist};
 use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 use robots::kinematics::{Chain, JointKind, RateSettings};
 
+use super::device::is_device;
+use crate::bearings::freedom_at;
 use crate::config::{Config, TargetKind};
 use crate::roll::spin_limit;
 
@@ -27,6 +29,11 @@ const SIDES: u32 = 8;
 const LEAST_TILT: f64 = 0.07;
 /// Tilt of the base over the direction of a target aside: 9 degrees for the paper's 10 mm in 80 mm.
 const TILT_FOR_ASIDE: f64 = 1.25;
+/// Least shift that an insertion may need of a device that cannot tilt \[m\], and shift for a
+/// target aside.
+const LEAST_SHIFT: f64 = 3e-3;
+/// See [`LEAST_SHIFT`].
+const SHIFT_FOR_ASIDE: f64 = 1.0;
 /// Straight insertion before the target is set, at most \[m\].
 const STRAIGHT: f64 = 0.013;
 /// Distance from a wanted pose that shows that the arm cannot follow \[m\], \[rad\].
@@ -77,36 +84,52 @@ pub enum Misfit {
         travel_deg: f64,
     },
     /// A joint starts at its end.
-    #[error(
-        "{joint} starts at its end ({position_deg:.1} of {lower_deg:.1} to {upper_deg:.1} deg) and \
-         has no room{PLACE}"
-    )]
+    #[error("{joint} starts at its end ({position} of {lower} to {upper}) and has no room{PLACE}")]
     StartsAtEnd {
         /// The joint.
         joint: String,
-        /// Where it starts \[deg\].
-        position_deg: f64,
-        /// Its ends \[deg\].
-        lower_deg: f64,
-        /// See `lower_deg`.
-        upper_deg: f64,
+        /// Where it starts, with the unit.
+        position: String,
+        /// Its ends.
+        lower: String,
+        /// See `lower`.
+        upper: String,
     },
     /// A joint comes to its end on the way.
     #[error(
-        "{joint} comes to its end ({end_deg:.1} deg) {depth_mm:.0} mm deep{tilted}; the insertion \
+        "{joint} comes to its end ({end}) {depth_mm:.0} mm deep{tilted}; the insertion \
          needs {needed_mm:.0} mm{PLACE}"
     )]
     MeetsEnd {
         /// The joint.
         joint: String,
-        /// The end \[deg\].
-        end_deg: f64,
+        /// The end, with the unit.
+        end: String,
         /// Depth of the tip \[mm\].
         depth_mm: f64,
         /// Depth of the whole insertion \[mm\].
         needed_mm: f64,
-        /// The tilt of the base that leads there, in words; empty without.
+        /// The tilt or shift of the base that leads there, in words; empty without.
         tilted: String,
+    },
+    /// A device is mounted elsewhere than the insertion starts.
+    #[error(
+        "the device holds the needle {across_mm:.1} mm beside the start of the insertion, \
+         {askew_deg:.1} deg askew and {along_mm:+.1} mm along it, and cannot get nearer{PLACE}"
+    )]
+    Mounted {
+        /// Distance across the needle \[mm\].
+        across_mm: f64,
+        /// Along it, positive where the tip is in the tissue \[mm\].
+        along_mm: f64,
+        /// Angle between the needle and the insertion's axis \[deg\].
+        askew_deg: f64,
+    },
+    /// No joint of a device inserts the needle.
+    #[error("no joint moves {tip} along its z: nothing inserts the needle")]
+    NoInsertion {
+        /// The tip link.
+        tip: String,
     },
     /// The arm comes to a singularity or to the end of its reach on the way.
     #[error(
@@ -118,7 +141,7 @@ pub enum Misfit {
         depth_mm: f64,
         /// Depth of the whole insertion \[mm\].
         needed_mm: f64,
-        /// The tilt of the base that leads there, in words; empty without.
+        /// The tilt or shift of the base that leads there, in words; empty without.
         tilted: String,
     },
 }
@@ -137,8 +160,12 @@ pub fn check_chain(chain: &Chain) -> Result<(), Misfit> {
             joints: missing.join(", "),
         });
     }
-    let joint = chain.names().last().cloned().unwrap_or_default();
     let spin = chain.spin();
+    if spin.is_none() && is_device(chain) {
+        return Ok(());
+    }
+    let spinner = spin.map_or(chain.len() - 1, |spin| spin.joint);
+    let joint = chain.names()[spinner].clone();
     if spin.is_none_or(|spin| spin.tilt > OFF_AXIS.0 || spin.aside > OFF_AXIS.1) {
         return Err(Misfit::OffAxis {
             tip: chain.tip().to_owned(),
@@ -194,6 +221,8 @@ pub struct Demand {
     pub depth: f64,
     /// Tilt of the base about the entry, to any side \[rad\].
     pub tilt: f64,
+    /// Shift of the base to any side \[m\], where a device cannot tilt.
+    pub shift: f64,
     /// From the needle's base to its tip \[m\].
     pub length: f64,
 }
@@ -210,12 +239,16 @@ impl Demand {
             TargetKind::Stereo => (0.5 * config.needle.length_mm, 0.0),
         };
         let tilt = (TILT_FOR_ASIDE * aside / ahead.max(1.0)).max(LEAST_TILT);
+        let limits_offset = config.limits.base_offset_mm * 1e-3;
         // Half of what the limits admit is what a target may ask for.
         let most = (0.5 * config.limits.tilt_deg.to_radians())
             .min(config.limits.base_offset_mm / config.needle.length_mm);
         Self {
             depth: (ahead * 1e-3 + STRAIGHT).min(length),
             tilt: tilt.min(most),
+            shift: (SHIFT_FOR_ASIDE * aside * 1e-3)
+                .max(LEAST_SHIFT)
+                .min(limits_offset),
             length,
         }
     }
@@ -224,7 +257,8 @@ impl Demand {
 /// An insertion that the arm can carry out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Course {
-    /// Least distance of a joint from its end, on the straight way \[rad\].
+    /// Least distance of a joint from its end, on the straight way \[rad\]; of sliding joints by
+    /// their unit.
     pub room: f64,
     /// The joint.
     pub joint: usize,
@@ -269,7 +303,7 @@ pub fn follow(chain: &Chain, start: &Joints, demand: &Demand) -> Result<Course, 
         course.dexterity = course.dexterity.min(chain.dexterity(&q, LENGTH));
         if depth >= tilted_at {
             tilted_at += TILTED_EVERY;
-            tilt_to_all_sides(chain, &q, &pose, depth, demand)?;
+            go_to_all_sides(chain, &q, &pose, depth, demand)?;
         }
         k += 1.0;
     }
@@ -279,8 +313,8 @@ pub fn follow(chain: &Chain, start: &Joints, demand: &Demand) -> Result<Course, 
 /// Length by which linear velocities are divided \[m\].
 const LENGTH: f64 = 0.1;
 
-/// Tilts the base about the entry.
-fn tilt_to_all_sides(
+/// Tilts the base about the entry, or shifts it where that is what a device can do.
+fn go_to_all_sides(
     chain: &Chain,
     q: &Joints,
     pose: &Isometry3<f64>,
@@ -288,18 +322,40 @@ fn tilt_to_all_sides(
     demand: &Demand,
 ) -> Result<(), Misfit> {
     let entry = pose * nalgebra::Point3::new(0.0, 0.0, demand.length - depth);
+    let freedom = freedom_at(chain, q, &Isometry3::identity());
     for side in 0..SIDES {
         let azimuth = TAU * f64::from(side) / f64::from(SIDES);
         let across = pose.rotation * Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
-        let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(across), demand.tilt);
-        let about = Isometry3::from_parts(entry.coords.into(), turn)
-            * nalgebra::Translation3::from(-entry.coords);
+        let tilt = Twist {
+            linear: across.cross(&(pose.translation.vector - entry.coords)),
+            angular: across,
+        };
+        let shift = Twist {
+            linear: across,
+            angular: Vector3::zeros(),
+        };
+        let (moved, tilted) = if freedom.gives(&tilt) {
+            let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(across), demand.tilt);
+            let about = Isometry3::from_parts(entry.coords.into(), turn)
+                * nalgebra::Translation3::from(-entry.coords);
+            let degrees = demand.tilt.to_degrees();
+            (
+                about * pose,
+                format!(", its base tilted by {degrees:.0} deg"),
+            )
+        } else if freedom.gives(&shift) {
+            let aside = nalgebra::Translation3::from(across * demand.shift);
+            let mm = demand.shift * 1e3;
+            (aside * pose, format!(", its base {mm:.0} mm aside"))
+        } else {
+            continue;
+        };
         let stopped = Stopped {
             depth,
             needed: demand.depth,
-            tilted: format!(", its base tilted by {:.0} deg", demand.tilt.to_degrees()),
+            tilted,
         };
-        stopped.reach(chain, q, &(about * pose))?;
+        stopped.reach(chain, q, &moved)?;
     }
     Ok(())
 }
@@ -346,24 +402,27 @@ impl Stopped {
         if room >= ROOM {
             return Ok(());
         }
-        let (joint, limit) = (chain.names()[i].clone(), chain.limits()[i]);
-        let (lower_deg, upper_deg) = (limit.lower.to_degrees(), limit.upper.to_degrees());
+        let (joint, limit, kind) = (
+            chain.names()[i].clone(),
+            chain.limits()[i],
+            chain.kinds()[i],
+        );
         if self.depth == 0.0 && self.tilted.is_empty() {
             return Err(Misfit::StartsAtEnd {
                 joint,
-                position_deg: q[i].to_degrees(),
-                lower_deg,
-                upper_deg,
+                position: kind.in_words(q[i]),
+                lower: kind.in_words(limit.lower),
+                upper: kind.in_words(limit.upper),
             });
         }
-        let end_deg = if limit.upper - q[i] < q[i] - limit.lower {
-            upper_deg
+        let end = if limit.upper - q[i] < q[i] - limit.lower {
+            limit.upper
         } else {
-            lower_deg
+            limit.lower
         };
         Err(Misfit::MeetsEnd {
             joint,
-            end_deg,
+            end: kind.in_words(end),
             depth_mm: self.depth * 1e3,
             needed_mm: self.needed * 1e3,
             tilted: self.tilted.clone(),
@@ -371,14 +430,17 @@ impl Stopped {
     }
 }
 
-/// Distance of the joint next to its end from it \[rad\], and which joint that is. The last one is
-/// the spin's.
+/// Distance of the joint next to its end from it \[rad\], of sliding joints by their unit, and which
+/// joint that is. The one that spins the needle does not count.
 fn least_room(chain: &Chain, q: &Joints) -> (f64, usize) {
     let joints = q.iter().zip(chain.limits()).zip(chain.kinds()).enumerate();
+    let spinner = chain.spin().map(|spin| spin.joint);
     joints
-        .take(chain.len().saturating_sub(1))
-        .filter(|(_, (_, kind))| **kind == JointKind::Revolute)
-        .map(|(i, ((q, limit), _))| ((q - limit.lower).min(limit.upper - q), i))
+        .filter(|(i, (_, kind))| Some(*i) != spinner && **kind != JointKind::Continuous)
+        .map(|(i, ((q, limit), kind))| {
+            let room = (q - limit.lower).min(limit.upper - q);
+            (room / kind.unit(), i)
+        })
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .unwrap_or((f64::INFINITY, 0))
 }

@@ -1,6 +1,7 @@
 //! From a configuration to devices: clock, arm, sensor, and the world behind them.
 
 mod at_start;
+mod device;
 mod devices;
 mod eyes;
 mod fit;
@@ -15,10 +16,11 @@ use std::time::Duration;
 use hal::frame::{LeftCamera, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::telemetry::Limit;
-use hal::{Arm, ArmMode, Clock, Recorded, Transform};
+use hal::{Arm, ArmMode, Clock, JointLimit, Recorded, Transform};
 use nalgebra::Vector3;
 use phantom::SettingsError;
 use phantom::camera::{CameraSettings, RigError, StereoRig};
+use robots::kinematics::Chain;
 use robots::sim::{SimError, SimulatedArm};
 use robots::viper;
 
@@ -31,6 +33,7 @@ use crate::ros::Link;
 use crate::score::Scoring;
 use crate::springs::SpringsError;
 pub use at_start::NotAtStart;
+pub use device::abilities;
 use devices::{Devices, Place, TICK};
 pub use devices::{Pace, PlantMaker};
 pub use eyes::{Eyes, Sighting};
@@ -41,7 +44,7 @@ pub use suggest::{Place as Suggestion, placed, suggest};
 pub(crate) use tool::PlacedTool;
 use tool::check_start;
 
-/// Distance that guarded joints keep from their limits \[rad\].
+/// Distance that guarded joints keep from their limits \[rad\]; of sliding joints by their unit.
 const JOINT_MARGIN: f64 = 8.727e-3;
 /// Longest wait for an arm's first report.
 const CONNECT: Duration = Duration::from_secs(2);
@@ -315,7 +318,7 @@ impl Rig {
             stereo,
         })?;
         let period = devices.arm.description().period;
-        let limiter = Limiter::new(chain.limits(), JOINT_MARGIN, period * 3)?;
+        let limiter = Limiter::new(&kept(&chain), 0.0, period * 3)?;
         let tool = PlacedTool::new(&chain, world_from_arm_base.isometry());
         let guard = Guard::new(limiter).with_tool(tool, config.workspace(), SpeedCaps::INSERTING);
         let mut rig = Self {
@@ -415,6 +418,18 @@ impl Rig {
     pub fn left_from_world(&self) -> Transform<LeftCamera, World> {
         self.bearings.world_from_left_camera.inverse()
     }
+}
+
+/// The joints' limits less what guarded ones keep from them.
+fn kept(chain: &Chain) -> Vec<JointLimit> {
+    let joints = chain.limits().iter().zip(chain.kinds());
+    joints
+        .map(|(limit, kind)| JointLimit {
+            lower: limit.lower + JOINT_MARGIN * kind.unit(),
+            upper: limit.upper - JOINT_MARGIN * kind.unit(),
+            ..*limit
+        })
+        .collect()
 }
 
 impl core::fmt::Debug for Rig {

@@ -10,6 +10,7 @@ use robots::arms;
 use robots::kinematics::{Chain, Section, Turns};
 
 use super::RigBuildError;
+use super::device;
 use super::fit::{self, Course, Demand, Misfit};
 use crate::config::Config;
 use crate::cycle::Bearings;
@@ -51,7 +52,11 @@ fn as_in_file(config: &Config) -> Result<Chain, RigBuildError> {
     } else {
         arm.tip_link.as_str()
     };
-    let mut section = Section::arm(link);
+    let mut section = if arm.mechanism {
+        Section::mechanism(link)
+    } else {
+        Section::arm(link)
+    };
     if !arm.base_link.is_empty() {
         section = section.from(&arm.base_link);
     }
@@ -142,6 +147,9 @@ pub fn start(
     world_from_arm_base: &Transform<World, ArmBase>,
 ) -> Result<Start, RigBuildError> {
     fit::check_chain(chain)?;
+    if device::is_device(chain) {
+        return device::start(config, chain, world_from_arm_base);
+    }
     let demand = Demand::of(config);
     let nominal = config.world_from_start_base();
     let arm_base_from_world = world_from_arm_base.isometry().inverse();
@@ -196,7 +204,8 @@ fn centred(
     q: &Joints,
 ) -> (Isometry3<f64>, Joints) {
     let mut joints = *q;
-    let Some(last) = joints.last_mut() else {
+    let spinner = chain.spin().and_then(|spin| joints.get_mut(spin.joint));
+    let Some(last) = spinner else {
         return (*start, *q);
     };
     let middle = roll::middle(chain);
@@ -223,12 +232,13 @@ fn merit(chain: &Chain, q: &Joints) -> f64 {
     const LENGTH: f64 = 0.1;
     /// Room beyond which more is no better \[rad\].
     const ENOUGH: f64 = 1.0;
-    let room = |(q, limit): (&f64, &hal::JointLimit)| (q - limit.lower).min(limit.upper - q);
-    let least = q
-        .iter()
-        .zip(chain.limits())
-        .map(room)
+    let joints = q.iter().zip(chain.limits()).zip(chain.kinds());
+    let least = joints
+        .map(|((q, limit), kind)| (q - limit.lower).min(limit.upper - q) / kind.unit())
         .fold(ENOUGH, f64::min);
-    let turned = q.last().map_or(0.0, |last| last.abs());
+    let turned = chain
+        .spin()
+        .and_then(|spin| q.get(spin.joint))
+        .map_or(0.0, |q| q.abs());
     chain.dexterity(q, LENGTH) + least - 0.1 * turned
 }

@@ -7,13 +7,14 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use robots::kinematics::{Chain, JointKind};
 
 use super::RigBuildError;
+use super::device;
 use super::fit::{self, Course, Demand};
 use super::start::{arm_place, chain, start};
 use crate::config::Config;
 use crate::roll;
 
 /// Postures tried.
-const POSTURES: u32 = 600;
+pub(super) const POSTURES: u32 = 600;
 /// Good ones that are tried as a run would.
 const TRIED: usize = 24;
 /// Headings of the arm's base tried for each.
@@ -45,6 +46,9 @@ pub struct Place {
 /// which a run with `config` would be accepted. Nothing if none of those tried is one.
 pub fn suggest(config: &Config, chain: &Chain) -> Option<Place> {
     fit::check_chain(chain).ok()?;
+    if device::is_device(chain) {
+        return device::suggest(config, chain);
+    }
     let demand = Demand::of(config);
     let mut found: Vec<(f64, [f64; 3], [f64; 3])> = Vec::new();
     for index in 1..=POSTURES {
@@ -91,8 +95,8 @@ pub fn placed(config: &Config) -> Result<Config, RigBuildError> {
     Ok(config)
 }
 
-/// Point `index` of the Halton sequence in the inner part of the joints' ranges.
-fn posture(chain: &Chain, index: u32) -> Joints {
+/// Point `index` of the Halton sequence in the inner part of the joints' ranges; 0: their middles.
+pub(super) fn posture(chain: &Chain, index: u32) -> Joints {
     let mut q = chain.limits().iter().map(|_| 0.0).collect::<Vec<f64>>();
     let joints = chain.limits().iter().zip(chain.kinds());
     for (i, (limit, kind)) in joints.enumerate() {
@@ -102,16 +106,19 @@ fn posture(chain: &Chain, index: u32) -> Joints {
             share += digit * f64::from(rest % BASES[i]);
             rest /= BASES[i];
         }
-        let (middle, range) = if *kind == JointKind::Revolute {
-            let range = (limit.upper - limit.lower).min(RANGE);
-            (0.5 * (limit.lower + limit.upper), range)
-        } else {
-            (0.0, RANGE)
+        let (middle, range) = (0.5 * (limit.lower + limit.upper), limit.upper - limit.lower);
+        let (middle, range) = match kind {
+            JointKind::Prismatic => (middle, range),
+            JointKind::Revolute => (middle, range.min(RANGE)),
+            JointKind::Continuous => (0.0, RANGE),
         };
-        q[i] = middle + SHARE * range * (share - 0.5);
+        q[i] = middle;
+        if index > 0 {
+            q[i] += SHARE * range * (share - 0.5);
+        }
     }
-    if let Some(last) = q.last_mut() {
-        *last = roll::middle(chain);
+    if let Some(spin) = chain.spin() {
+        q[spin.joint] = roll::middle(chain);
     }
     Joints::from_slice(&q).unwrap_or_else(|_| Joints::from([0.0; 6]))
 }

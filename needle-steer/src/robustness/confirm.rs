@@ -263,7 +263,7 @@ fn reach(config: &Config, settings: &phantom::Settings, end: &Moment) -> f64 {
     let pressed = config.limits.entry_stretch_mm * 1e-3 * (-end.path / wave).exp();
     let means = hybrid_control::Means::of_law(&config.run.law);
     let base = pressed * (1.0 + 2.0 * left / wave);
-    f64::from(u8::from(means.bevel)) * bevel + f64::from(u8::from(means.base)) * base
+    f64::from(u8::from(means.bevel)) * bevel + f64::from(u8::from(means.base())) * base
 }
 
 /// Whether base or joints stand at an end that limits or bounds give them. What moving tissue may

@@ -9,6 +9,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Insertion, REACH_TOLERANCE, RunError};
 use crate::aim::{Aimed, Answer, TargetRefused, nominal_target};
+use crate::bearings::freedom;
 use crate::config::{Config, TargetKind};
 use crate::controls::{Aim, Controls};
 use crate::passing::Passing;
@@ -45,7 +46,17 @@ impl Insertion<'_> {
     fn judge(&self, config: &Config, target: &Point3<f64>) -> Answer {
         let estimator = self.cycle.estimator();
         let at_rest = self.cycle.at_rest_point(target);
-        let means = Means::of_law(&config.run.law);
+        let base = self.cycle.telemetry().world_from_base;
+        let wanted = Means::of_law(&config.run.law);
+        let means = wanted.within(
+            &freedom(&self.rig.bearings, &self.first),
+            base.isometry(),
+            &config.entry(),
+        );
+        if means == Means::NONE && wanted != means {
+            let law = config.run.law.clone();
+            return Err(Unreachable::NoMeans { law }.into());
+        }
         let reachable = reachable_at_start(estimator, &at_rest, self.cycle.limits(), means);
         match reachable {
             Err(why @ (Unreachable::NonFinite | Unreachable::Behind { .. })) => {
@@ -92,6 +103,7 @@ impl Insertion<'_> {
         let demand = Demand {
             depth: way,
             tilt: 0.0,
+            shift: 0.0,
             length: config.needle.length_mm * 1e-3,
         };
         let joints = &self.cycle.telemetry().joints;

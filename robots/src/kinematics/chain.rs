@@ -48,6 +48,28 @@ pub enum JointKind {
     Prismatic,
 }
 
+/// Way of a sliding joint that counts as much as one radian of a turning one \[m\]: what such
+/// different positions are compared by, the length of [`super::RateSettings`].
+pub const SLIDE_OF_A_RADIAN: f64 = 0.1;
+
+impl JointKind {
+    /// What a radian is to this joint: 1 rad, or [`SLIDE_OF_A_RADIAN`] where it slides.
+    pub const fn unit(self) -> f64 {
+        match self {
+            Self::Revolute | Self::Continuous => 1.0,
+            Self::Prismatic => SLIDE_OF_A_RADIAN,
+        }
+    }
+
+    /// A position in words: degrees, or millimetres where the joint slides.
+    pub fn in_words(self, position: f64) -> String {
+        match self {
+            Self::Revolute | Self::Continuous => format!("{:.1} deg", position.to_degrees()),
+            Self::Prismatic => format!("{:.1} mm", position * 1e3),
+        }
+    }
+}
+
 /// What stands for the ends of a continuous joint \[rad\]: a thousand turns, which no insertion
 /// comes near.
 pub const ENDLESS: f64 = 1000.0 * core::f64::consts::TAU;
@@ -192,8 +214,9 @@ impl Chain {
     ///
     /// A URDF of version 1.2 may hold accelerations and jerks. Where it does not, conservative
     /// defaults are filled in, for arms whose maker publishes none: 4 rad/s2 and 40 rad/s3, and
-    /// ten times that for the last joint, which only turns what it holds. A joint whose speed the
-    /// URDF does not give has the speed 0: see [`Chain::without_speed`].
+    /// ten times that for a last joint that turns, which turns only what it holds; a tenth in metres
+    /// for joints that slide. A joint whose speed the URDF does not give has the speed 0: see
+    /// [`Chain::without_speed`].
     pub fn limits(&self) -> &[JointLimit] {
         &self.limits
     }
@@ -220,7 +243,8 @@ impl Chain {
         self
     }
 
-    /// How the last joint turns the tip about the tip's own z; nothing if it slides.
+    /// How a joint turns the tip about the tip's own z; nothing if all joints slide, or if others
+    /// than those along that z are nearer to the tip.
     pub fn spin(&self) -> Option<&Spin> {
         self.spin.as_ref()
     }

@@ -44,7 +44,8 @@ pub struct TwistRates {
     /// direction away.
     pub realised: Twist,
     /// Smallest singular value of the Jacobian, linear velocities divided by
-    /// [`RateSettings::length`] \[1\].
+    /// [`RateSettings::length`] \[1\]; of fewer than six joints, among as many as there are joints:
+    /// what such a device cannot do in any posture is no singularity.
     pub dexterity: f64,
     /// Limits that made `realised` differ from what was wanted.
     pub limits: Vec<Limit>,
@@ -99,11 +100,10 @@ impl Chain {
         );
         let wanted = modes.eigenvectors.transpose() * task.component_mul(&weight);
         let mut amounts = Vector6::zeros();
-        out.dexterity = f64::INFINITY;
+        out.dexterity = self.least_mode(&modes.eigenvalues);
         for k in 0..6 {
             let squared = modes.eigenvalues[k].max(0.0);
             let s = squared.sqrt();
-            out.dexterity = out.dexterity.min(s);
             let t = settings.threshold;
             let damping = if s < t { t * (t - s) } else { 0.0 };
             let gain = squared + damping;
@@ -179,13 +179,23 @@ impl Chain {
     }
 
     /// Smallest singular value of the Jacobian at `q`, linear velocities divided by `length`
-    /// \[m\]: 0 in a singularity, and for what is not finite.
+    /// \[m\]: 0 in a singularity, and for what is not finite. See [`TwistRates::dexterity`].
     pub fn dexterity(&self, q: &Joints, length: f64) -> f64 {
         if !(q.is_finite() && length.is_finite() && length > 0.0) {
             return 0.0;
         }
         let weighted = weigh(&self.jacobian(q), &weights(length));
-        modes(&weighted).eigenvalues.min().max(0.0).sqrt()
+        self.least_mode(&modes(&weighted).eigenvalues)
+    }
+
+    /// Smallest singular value among as many as there are joints.
+    fn least_mode(&self, squared: &Vector6<f64>) -> f64 {
+        let mut squared = *squared;
+        if self.len() < squared.len() {
+            squared.as_mut_slice().sort_by(|a, b| b.total_cmp(a));
+        }
+        let counted = squared.iter().take(self.len());
+        counted.fold(f64::INFINITY, |least, x| least.min(x.max(0.0).sqrt()))
     }
 }
 

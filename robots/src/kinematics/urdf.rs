@@ -13,7 +13,7 @@ use hal::JointLimit;
 use nalgebra::{Rotation3, Vector3};
 use urdf_rs::{Joint, JointType};
 
-use super::chain::{Chain, ENDLESS, Independent, Placed};
+use super::chain::{Chain, ENDLESS, Independent, JointKind, Placed};
 use super::rigid::{Rigid, z_onto};
 use error::UrdfError;
 pub use outline::arm_sections;
@@ -84,11 +84,14 @@ pub(super) fn read(xml: &str, section: &Section) -> Result<Chain, UrdfError> {
             offset,
         });
     }
-    if let Some(last) = independent.last_mut() {
+    let last = independent.last_mut();
+    if let Some(last) = last.filter(|joint| joint.kind != JointKind::Prismatic) {
         fill_dynamics(&mut last.limit, LAST_JOINT_DYNAMICS);
     }
     for joint in &mut independent {
-        fill_dynamics(&mut joint.limit, DEFAULT_DYNAMICS);
+        let (acceleration, jerk) = DEFAULT_DYNAMICS;
+        let unit = joint.kind.unit();
+        fill_dynamics(&mut joint.limit, (acceleration * unit, jerk * unit));
     }
     let tip = section.tip().to_owned();
     Ok(Chain::assemble(base, tip, independent, placed, pending))

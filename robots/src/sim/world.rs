@@ -2,7 +2,10 @@
 
 use std::collections::VecDeque;
 
-use hal::{ArmDescription, ArmMode, ArmState, FaultReason, JointLimit, Joints, RateCommand, Stamp};
+use hal::{
+    ArmDescription, ArmMode, ArmState, FaultReason, JointLimit, Joints, MAX_JOINTS, RateCommand,
+    Stamp,
+};
 
 use super::driver::Refusal;
 use super::fault::Fault;
@@ -11,13 +14,15 @@ use super::{SimError, SimSettings};
 
 /// Readings in a row that have to show a wrong position.
 const WRONG_READINGS: u32 = 3;
-/// Distance from where a joint was left that is uncommanded motion \[rad\].
+/// Distance from where a joint was left that is uncommanded motion \[rad, or the joint's unit\].
 const UNCOMMANDED: f64 = 0.01;
 
 #[derive(Debug)]
 pub(crate) struct World {
     pub(super) description: ArmDescription,
     settings: SimSettings,
+    /// What a radian is to each joint.
+    units: Joints,
     servo: Servo,
     /// Stamp of the servo's state: the first tick not before `now`.
     tick: Stamp,
@@ -41,10 +46,15 @@ impl World {
     pub(super) fn new(
         names: Vec<String>,
         limits: &[JointLimit],
+        units: &[f64],
         start: &Joints,
         settings: SimSettings,
     ) -> Result<Self, SimError> {
         settings.check()?;
+        let units = Joints::from_slice(units).map_err(|_| SimError::Joints {
+            given: units.len(),
+            expected: MAX_JOINTS,
+        })?;
         for given in [start.len(), names.len()] {
             if given != limits.len() {
                 let expected = limits.len();
@@ -70,6 +80,7 @@ impl World {
                 period: settings.period,
             },
             settings,
+            units,
             servo,
             tick: Stamp::ZERO,
             now: Stamp::ZERO,
@@ -163,9 +174,9 @@ impl World {
         }
         let step = self.settings.encoder_step;
         let (actual, _) = self.servo.actual();
-        let reading = actual.map(|q| {
+        let reading = actual.zip(&self.units, |q, unit| {
             if step > 0.0 {
-                (q / step).round() * step
+                (q / (step * unit)).round() * (step * unit)
             } else {
                 q
             }
@@ -175,7 +186,8 @@ impl World {
         if self.readings.len() > 64 {
             self.readings.pop_front();
         }
-        let distance = reading.zip(self.servo.expected(), |a, b| a - b).max_abs();
+        let off = reading.zip(self.servo.expected(), |a, b| a - b);
+        let distance = off.zip(&self.units, |off, unit| off / unit).max_abs();
         let resting = self.servo.is_rest() && self.mode != ArmMode::Moving;
         if distance > self.settings.tracking_fault {
             self.wrong_readings += 1;

@@ -118,16 +118,22 @@ impl Law for Hybrid {
         let here = view.world_from_base.translation.vector;
         let advanced = self.last_base.map_or(0.0, |last| axis.dot(&(here - last)));
         self.last_base = Some(here);
-        let spin_max = s.spin_deg_s.min(view.limits.spin_speed_deg_s).to_radians();
+        let spin_deg_s = s.spin_deg_s.min(view.limits.spin_speed_deg_s);
         let azimuth = view.estimator.bevel_direction();
         let spin = self.modulator.step(
             &self.plan.curvature,
             azimuth,
             advanced,
             &view.roll_travel.within_spare(TURN_RESERVE, 0.0, TAU),
-            spin_max,
+            spin_deg_s.to_radians(),
             view.dt,
         );
+        // A joint that turns more slowly than is wished takes no longer way for it.
+        let turning = if spin == 0.0 {
+            1.0
+        } else {
+            spin_deg_s / s.spin_deg_s
+        };
         let unfinished = self.plan.unfinished(&self.rollout);
         // Waiting has an end: a plan that never finishes must not hold up the insertion.
         let slow = if s.slow_down && self.waited < s.slow_most_s {
@@ -139,7 +145,7 @@ impl Law for Hybrid {
         self.waited += (1.0 - slow) * view.dt;
         // A tilting base draws the needle back: what has been lost is inserted again at once.
         let regain = view.estimator.retracted() * s.regain_gain_per_s;
-        let speed = (view.insertion_speed * slow).max(regain);
+        let speed = (view.insertion_speed * slow).max(regain) * turning;
         let base = self.base(view);
         let screw = view.screw(speed, spin);
         let mut report = blank_report();

@@ -2,8 +2,9 @@
 
 use core::f64::consts::TAU;
 
+use hal::Twist;
 use hal::telemetry::Limit;
-use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector3};
 
 use crate::estimator::Rollout;
 use crate::levels::{Levels, padded};
@@ -120,25 +121,91 @@ fn tilt(view: &View<'_>) -> (Vector2<f64>, f64) {
     (tilted, most.max(tilted.norm()))
 }
 
+/// What the device leaves of the unknowns.
+struct Given {
+    pivots: bool,
+    spins: bool,
+    /// Projector onto the shifts that it gives.
+    shift: Matrix2<f64>,
+    /// Where the bevel faces.
+    bevel: Vector2<f64>,
+    /// Rows of a level above all others, where the device cannot do everything: the base's motion
+    /// is one that it gives, and without spin the bevel faces where it faces.
+    bounds: Option<(SMatrix<f64, N, N>, SVector<f64, N>)>,
+}
+
+impl Given {
+    fn of(view: &View<'_>, s: &HybridSettings) -> Self {
+        let azimuth = view.estimator.bevel_direction();
+        let mut there = Self {
+            pivots: true,
+            spins: true,
+            shift: Matrix2::identity(),
+            bevel: Vector2::new(azimuth.cos(), azimuth.sin()),
+            bounds: None,
+        };
+        if view.freedom.is_full() {
+            return there;
+        }
+        let axes = [Vector2::x(), Vector2::y()];
+        let pivots = axes.map(|axis| {
+            let pivot = axis * s.pivot_weight_deg.to_radians();
+            view.pivot(&view.estimator.pivot_rotation(&pivot))
+        });
+        let shifts = axes.map(|axis| Twist {
+            linear: view.estimator.lateral(&axis) * (s.shift_weight_mm * MILLIMETRE),
+            angular: Vector3::zeros(),
+        });
+        let given = view
+            .freedom
+            .within(&[pivots[0], pivots[1], shifts[0], shifts[1]]);
+        there.pivots = given.fixed_view::<2, 2>(0, 0).trace() > 1e-3;
+        there.spins = view.spins();
+        there.shift = view.freedom.within(&shifts);
+        let mut lost = SMatrix::<f64, N, N>::zeros();
+        let mut stays = SVector::<f64, N>::zeros();
+        lost.fixed_view_mut::<4, 4>(PIVOT, PIVOT)
+            .copy_from(&(Matrix4::identity() - given));
+        if !there.spins {
+            for i in CURVATURE..EXCESS {
+                lost[(i, i)] = 1.0;
+                stays[i] = there.bevel[i - CURVATURE];
+            }
+        }
+        there.bounds = Some((lost, stays));
+        there
+    }
+}
+
 fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings, calm: f64) -> Result<Plan, QpError> {
     let per_degree = 1_f64.to_radians();
     let pivot_fade = fade(r.pivot * per_degree, s.pivot_fade_mm_deg * MILLIMETRE);
     // A shift tilts the tip the other way as long as it steers at all.
     let shift_fade = fade(-r.shift, s.shift_fade);
     let (tilt_room, offset_room) = room(view);
+    let there = Given::of(view, s);
     // Shifting back is always possible: the room counts outwards only.
     let pivot_unit = s.pivot_weight_deg.to_radians();
     let shift_unit = s.shift_weight_mm * MILLIMETRE;
-    let pivot_use = if s.pivot { pivot_fade } else { 0.0 };
+    let pivot_use = if s.pivot && there.pivots {
+        pivot_fade
+    } else {
+        0.0
+    };
     let pivot_most = pivot_use * tilt_room.max(2_f64.to_radians());
     let shift_most = if s.shift {
         // It all but cancels a pivot, and noise is what such differences are made of.
+        let calm = if there.pivots { calm } else { 0.0 };
         (1.0 - calm) * shift_fade * offset_room.max(2.0 * MILLIMETRE)
     } else {
         0.0
     };
     let early = ((r.remaining / MILLIMETRE - s.reserve_until_mm) / 20.0).clamp(0.0, 1.0);
-    let curvature_most = 1.0 - s.bevel_reserve * early;
+    let curvature_most = if there.spins {
+        1.0 - s.bevel_reserve * early
+    } else {
+        1.0
+    };
 
     let mut rows: Vec<Constraint<N>> = Vec::with_capacity(crate::qp::MAX_CONSTRAINTS);
     let none = Vector2::zeros();
@@ -171,6 +238,9 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings, calm: f64) -> Result<
     }
 
     let mut levels = Levels::new(&rows);
+    if let Some((lost, stays)) = &there.bounds {
+        levels.level(lost, stays)?;
+    }
     let mut miss = SMatrix::<f64, 2, N>::zeros();
     for i in 0..2 {
         miss[(i, PIVOT + i)] = r.pivot * pivot_unit / MILLIMETRE;
@@ -195,10 +265,15 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings, calm: f64) -> Result<
     let x = levels.x();
     let two = |at: usize| Vector2::new(x[at], x[at + 1]);
     let residual = (r.miss / MILLIMETRE - miss * x).norm() * MILLIMETRE;
-    let reach = r.bevel + r.pivot.max(0.0) * pivot_most + (-r.shift).max(0.0) * shift_most;
+    let (left, steered) = if there.spins {
+        (r.miss, r.bevel)
+    } else {
+        (r.miss - there.bevel * r.bevel, 0.0)
+    };
+    let reach = steered + r.pivot.max(0.0) * pivot_most + (-r.shift).max(0.0) * shift_most;
     let binds = |group: usize| (0..SIDES).any(|i| first.multipliers[group * SIDES + i] > 1e-6);
     let unload = if s.unload {
-        view.estimator.relief() * (1.0 - shift_fade)
+        there.shift * view.estimator.relief() * (1.0 - shift_fade)
     } else {
         Vector2::zeros()
     };
@@ -220,7 +295,7 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings, calm: f64) -> Result<
         shortfall: if curvature_most >= 1.0 && residual > 1e-6 {
             residual - doubt
         } else {
-            r.miss.norm() - reach - doubt
+            left.norm() - reach - doubt
         },
         bound: [binds(0), binds(1), binds(2), binds(3)],
     })

@@ -131,6 +131,7 @@ fn a_way_is_judged_alike_wherever_the_arm_points() {
     let demand = Demand {
         depth: 0.033,
         tilt: 0.07,
+        shift: 0.0,
         length: 0.126,
     };
     for (elbow, wrist) in [(2.4, 1.2), (2.8, 0.9)] {

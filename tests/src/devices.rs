@@ -1,0 +1,100 @@
+//! Insertions with devices of fewer joints than an arm: what they can do is used, the rest is left
+//! out of the plan.
+
+use std::path::Path;
+
+use hybrid_control::Unreachable;
+use needle_steer::aim::TargetRefused;
+use needle_steer::config::{self, Config};
+use needle_steer::outcome::Ended;
+use needle_steer::rig::{self, Misfit, Rig, RigBuildError};
+use needle_steer::run::{RunError, simulate};
+
+/// The device of that name in `robots/urdf`, where the configuration puts its base.
+fn unplaced(device: &str, more: &[&str]) -> Config {
+    let urdf = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../robots/urdf/{device}.urdf"));
+    let mut overrides = vec![
+        format!("arm.urdf={:?}", urdf.to_str().unwrap()),
+        "arm.tip_link=needle_base".to_owned(),
+        "arm.mechanism=true".to_owned(),
+        "run.sensor=shape".to_owned(),
+    ];
+    overrides.extend(more.iter().map(ToString::to_string));
+    config::load(None, &overrides).unwrap()
+}
+
+/// The same where it can insert.
+fn placed(device: &str, more: &[&str]) -> Config {
+    rig::placed(&unplaced(device, more)).unwrap()
+}
+
+fn error(config: &Config) -> f64 {
+    let summary = simulate(config).unwrap();
+    assert_eq!(summary.ended, Ended::TargetPassed, "{}", config.arm.urdf);
+    summary.true_error_mm.unwrap()
+}
+
+#[test]
+fn a_stage_passes_targets_by_bevel_and_shift() {
+    for kind in ["target.kind=aligned", "target.kind=shifted"] {
+        for seed in ["run.seed=1", "run.seed=2"] {
+            let off = error(&placed("stage", &[kind, seed]));
+            assert!(off < 0.1, "{kind}, {seed}: {off} mm");
+        }
+    }
+}
+
+#[test]
+fn insertion_and_spin_pass_an_aligned_target() {
+    for law in ["run.law=hybrid", "run.law=tip-only"] {
+        let off = error(&placed("insertion_spin", &["target.kind=aligned", law]));
+        assert!(off < 0.1, "{law}: {off} mm");
+    }
+}
+
+#[test]
+fn what_a_device_cannot_do_is_refused_before_it_moves() {
+    let aside = placed("insertion_spin", &["target.kind=shifted"]);
+    let refused = simulate(&aside).unwrap_err();
+    let RunError::Target(TargetRefused::Unreachable(Unreachable::Aside { reach_mm, .. })) = refused
+    else {
+        panic!("{refused}");
+    };
+    assert!((4.0..9.0).contains(&reach_mm), "{reach_mm}");
+    let pivots = placed(
+        "insertion_spin",
+        &["target.kind=aligned", "run.law=base-only"],
+    );
+    let refused = simulate(&pivots).unwrap_err().to_string();
+    assert!(refused.contains("law base-only"), "{refused}");
+}
+
+#[test]
+fn a_device_that_is_mounted_elsewhere_is_refused_with_figures() {
+    let beside = placed("stage", &[]);
+    let mut config = beside.clone();
+    // Beyond the travel of its axis across the needle.
+    config.arm.base_mm[0] += 80.0;
+    let refused = Rig::new(&config).unwrap_err();
+    let RigBuildError::Misfit(Misfit::Mounted { across_mm, .. }) = refused else {
+        panic!("{refused}");
+    };
+    assert!((15.0..40.0).contains(&across_mm), "{across_mm}");
+    // One that stands a little aside makes up for it.
+    config.arm.base_mm[0] -= 79.0;
+    let rig = Rig::new(&config).unwrap();
+    let moved = rig.home[0] - Rig::new(&beside).unwrap().home[0];
+    assert!((moved.abs() - 1e-3).abs() < 1e-5, "{moved} m");
+}
+
+#[test]
+fn a_stage_that_is_too_short_is_refused_in_millimetres() {
+    let mut config = placed("stage", &[]);
+    // The slide then starts 80 mm further on.
+    config.arm.base_mm[2] += 80.0;
+    let refused = Rig::new(&config).unwrap_err().to_string();
+    assert!(
+        refused.contains("joint_z comes to its end (150.0 mm)"),
+        "{refused}"
+    );
+}
