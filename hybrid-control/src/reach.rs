@@ -253,7 +253,7 @@ mod tests {
             cutting_edge: 1e-3,
             entry: crate::view::Entry {
                 point: Point3::origin(),
-                inward: nalgebra::Vector3::z_axis(),
+                inward: Vector3::z_axis(),
             },
             world_from_base: Isometry3::translation(0.0, 0.0, -0.126),
         };

@@ -121,6 +121,32 @@ fn tilt(view: &View<'_>) -> (Vector2<f64>, f64) {
     (tilted, most.max(tilted.norm()))
 }
 
+/// Rows that bound the stretch at the entry to `bound` \[mm\] and what is beyond it.
+fn entry(
+    rows: &mut Vec<Constraint<N>>,
+    r: &Rollout,
+    (pivot_unit, shift_unit): (f64, f64),
+    bound: f64,
+) {
+    let per_pivot = r.entry_per_pivot * pivot_unit / MILLIMETRE;
+    let per_shift = r.entry_per_shift * shift_unit / MILLIMETRE;
+    let stretch = r.entry_stretch / MILLIMETRE;
+    for side in 0..SIDES {
+        let angle = TAU * side as f64 / SIDES as f64;
+        let out = Vector2::new(angle.cos(), angle.sin());
+        let mut normal = SVector::<f64, N>::zeros();
+        for i in 0..2 {
+            normal[PIVOT + i] = -out[i] * per_pivot;
+            normal[SHIFT + i] = -out[i] * per_shift;
+            normal[EXCESS + i] = out[i];
+        }
+        rows.push(Constraint {
+            normal,
+            bound: out.dot(&stretch) - bound,
+        });
+    }
+}
+
 /// What the device leaves of the unknowns.
 struct Given {
     pivots: bool,
@@ -218,24 +244,12 @@ fn solve(view: &View<'_>, r: &Rollout, s: &HybridSettings, calm: f64) -> Result<
     );
     disc(&mut rows, SHIFT, &none, shift_most / shift_unit);
     disc(&mut rows, CURVATURE, &none, curvature_most);
-    let stretch_bound = view.limits.entry_stretch_mm;
-    let per_pivot = r.entry_per_pivot * pivot_unit / MILLIMETRE;
-    let per_shift = r.entry_per_shift * shift_unit / MILLIMETRE;
-    let stretch = r.entry_stretch / MILLIMETRE;
-    for side in 0..SIDES {
-        let angle = TAU * side as f64 / SIDES as f64;
-        let out = Vector2::new(angle.cos(), angle.sin());
-        let mut normal = SVector::<f64, N>::zeros();
-        for i in 0..2 {
-            normal[PIVOT + i] = -out[i] * per_pivot;
-            normal[SHIFT + i] = -out[i] * per_shift;
-            normal[EXCESS + i] = out[i];
-        }
-        rows.push(Constraint {
-            normal,
-            bound: out.dot(&stretch) - stretch_bound,
-        });
-    }
+    entry(
+        &mut rows,
+        r,
+        (pivot_unit, shift_unit),
+        view.limits.entry_stretch_mm,
+    );
 
     let mut levels = Levels::new(&rows);
     if let Some((lost, stays)) = &there.bounds {
