@@ -1,4 +1,4 @@
-//! Limits that nothing behind them can be made to break.
+//! Limits that downstream code cannot violate.
 //!
 //! [`Limiter`] is the pure limiter of joint rates; [`Guard`] adds a workspace and speed caps of
 //! the tool; [`Guarded`] puts a guard in front of any [`Arm`](crate::Arm). A driver that streams set points
@@ -143,7 +143,7 @@ impl Guard {
     /// Rates for the coming period `dt` \[s\] of an arm at `positions` \[rad\]; see
     /// [`Limiter::step`]. All limits keep the direction of `wanted`. With a workspace, what is
     /// let through can be stopped inside it by wanting zero; exactly so if the arm executes it
-    /// for `dt`, which then stays the same. A period that is none, or beyond the holding time,
+    /// for `dt`, which then stays the same. An invalid period, or one beyond the holding time,
     /// counts as that.
     pub fn step(&mut self, positions: &Joints, wanted: &Joints, dt: f64) -> Limited {
         let dt = self.limiter.period(dt);

@@ -123,7 +123,7 @@ impl BevelModulator {
     }
 
     /// Neither way is free: the end of the travel next to the debt. Where the debt lies between
-    /// the ends, the bevel goes to and fro between them, staying at each until the other one
+    /// the ends, the bevel alternates between them, staying at each until the other one
     /// would pay off more than a threshold.
     fn end(&self, wish: f64, azimuth: f64, travel: &RollTravel) -> f64 {
         if self.turning {
@@ -203,7 +203,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(crate::seeded())]
-        /// With less than a turn in all, the bevel goes to and fro between the ends for what lies
+        /// With less than a turn in all, the bevel alternates between the ends for what lies
         /// beyond them, and not without pause.
         #[test]
         fn less_than_a_turn_steers_to_all_sides(

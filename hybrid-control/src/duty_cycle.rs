@@ -32,7 +32,7 @@ pub fn effective_curvature(heading: f64, cycle_length: f64) -> f64 {
     heading / cycle_length
 }
 
-/// Travel with which a spinning phase goes to and fro where there is none for a turn \[rad\]: what
+/// Travel with which a spinning phase alternates where there is not enough for a full turn \[rad\]: what
 /// a joint of 300 degrees has left within its reserves.
 const SWEEP: f64 = 5.0;
 

@@ -22,7 +22,7 @@ pub fn lateral_error(world_from_tip: &Isometry3<f64>, target: &Point3<f64>) -> f
         .norm()
 }
 
-/// Tells a target that stays out of reach.
+/// Detects a target that stays out of reach.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReachMonitor {
     tolerance: f64,

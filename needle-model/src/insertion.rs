@@ -92,7 +92,7 @@ pub enum InsertionError {
     /// The base pose is not finite.
     #[error("the base pose is not finite")]
     BasePose,
-    /// A step so long that it is none of an insertion.
+    /// A step too long for an insertion.
     #[error("a step of {travel_m} m and {turn_rad} rad is too long")]
     Step {
         /// Way of the base \[m\].

@@ -1,5 +1,5 @@
 //! Extreme and hostile input: an error that says so or a needle that keeps its equations, never a
-//! panic, a number that is none or a search without end.
+//! panic, a NaN or an endless search.
 
 #![expect(clippy::unwrap_used, reason = "a failed set-up fails the test")]
 

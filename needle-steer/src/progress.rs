@@ -1,4 +1,4 @@
-//! Whether an insertion gets on: a law that only moves to and fro ends with a verdict.
+//! Whether an insertion makes progress: a law that only moves back and forth ends with a verdict.
 
 use std::time::Duration;
 

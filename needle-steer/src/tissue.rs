@@ -12,7 +12,7 @@ use crate::config::{Config, TargetKind};
 pub(crate) enum Tissue {
     /// A marker that it carries, which is the target.
     Marked(TissueMotion),
-    /// The needle, which it carries to and fro; the target stands still.
+    /// The needle, which it carries along; the target stands still.
     Unmarked(TissueSway),
     /// Nowhere.
     Still,

@@ -172,7 +172,7 @@ impl Bench {
 
     /// Moves the bench to `now`, the nominal base reaching `world_from_base` (by the arm's true
     /// joints) there on a straight screw. A time that runs backwards or is an hour ahead, and a
-    /// pose that is none, change nothing: [`Bench::refused`] tells. `events` of the truth are
+    /// invalid pose, change nothing: see [`Bench::refused`]. `events` of the truth are
     /// those of the last exposure.
     pub fn advance_to(&mut self, now: Stamp, world_from_base: &Transform<World, NeedleBase>) {
         let wait = now.secs_since(self.now);

@@ -32,7 +32,7 @@ pub trait ShapeSource: Send {
     /// In words; as for `advance`.
     fn shape(&mut self) -> Result<Vec<[f64; 3]>, String>;
 
-    /// Hears of a shape that is none: why, in words. The needle stays as it was.
+    /// Called for an invalid shape, with the reason in words. The needle stays as it was.
     fn refused(&mut self, why: &str) {
         let _ = why;
     }

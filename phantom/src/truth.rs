@@ -1,4 +1,4 @@
-//! What is really the case.
+//! Ground truth.
 
 use hal::frame::{NeedleBase, NeedleTip, World};
 use hal::{Stamp, Transform};

@@ -82,7 +82,7 @@ impl Phantom {
         Ok(Some(sensed))
     }
 
-    /// What is really the case at the last exposure: `time` [s], `tip` (4, 4) (bevel direction -y),
+    /// Ground truth at the last exposure: `time` [s], `tip` (4, 4) (bevel direction -y),
     /// `centreline` (n, 3), `base` (4, 4), `depth` along the cut path [m], `cut_path` (n, 3),
     /// `mean_stretch`, `max_stretch`, `entry_stretch` [m], `entry_force` (3,) [N], `events`.
     fn truth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

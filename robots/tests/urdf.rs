@@ -146,7 +146,7 @@ fn joints_off_the_chain_and_elements_unknown_do_no_harm() {
         let message = Chain::from_urdf(&more, tip).unwrap_err().to_string();
         assert!(message.contains(joint), "{message}");
     }
-    // Not even a number that is none.
+    // Not even a NaN.
     let broken = more.replace("upper=\"0.1\"", "upper=\"wide\"");
     let chain = Chain::from_urdf(&broken, NEEDLE_BASE).unwrap();
     assert_eq!(chain.forward(&q), plain.forward(&q));

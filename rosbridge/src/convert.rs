@@ -20,8 +20,8 @@ use crate::seam::Time;
 /// A message that does not say what its definition promises.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ConvertError {
-    /// A number that is none of the field's constants.
-    #[error("{field} = {code} is none of its constants")]
+    /// A number that is not one of the field's constants.
+    #[error("{field} = {code} is not one of its constants")]
     UnknownCode {
         /// The field.
         field: &'static str,

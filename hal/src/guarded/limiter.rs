@@ -119,7 +119,7 @@ impl Limiter {
             .unwrap_or_else(|| self.joint_by_joint(motion, wanted, dt, &ranges))
     }
 
-    /// A period that is none, or beyond the holding time, counts as that.
+    /// An invalid period, or one beyond the holding time, counts as the holding time.
     pub(super) fn period(&self, dt: f64) -> f64 {
         if dt > 0.0 {
             dt.min(self.hold)

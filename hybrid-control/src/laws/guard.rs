@@ -8,7 +8,7 @@ use crate::estimator::Estimator;
 use crate::view::{Decision, Law, View};
 use crate::workspace::inside_workspace;
 
-/// Travel with which the bevel can steer to all sides, going to and fro \[rad\]: 300 degrees.
+/// Travel with which the bevel can steer to all sides, alternating between its ends \[rad\]: 300 degrees.
 const STEERABLE: f64 = 5.236;
 /// Least reserve for tilting that a joint of so little travel keeps \[rad\]: 2 degrees.
 const LEAST_RESERVE: f64 = 0.035;

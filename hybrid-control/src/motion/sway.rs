@@ -1,6 +1,6 @@
-//! Breathing that no marker tells, as the needle's own tip shows it.
+//! Breathing without a marker, estimated from the needle's tip.
 //!
-//! Uncut tissue holds the tip, so a tip that goes to and fro without having been steered so has
+//! Uncut tissue holds the tip, so a tip that oscillates without having been steered so has
 //! been carried by its tissue. What it should have done comes from the estimator.
 
 use hal::Stamp;
@@ -33,7 +33,7 @@ const TIMED: f64 = 1.5;
 /// Least and largest part of the nominal speed that timing may ask for.
 const SPEEDS: (f64, f64) = (0.3, 1.6);
 
-/// Motion of the tissue as a whole, across the needle, told from the tip alone.
+/// Motion of the tissue as a whole, across the needle, estimated from the tip alone.
 ///
 /// At rest is the tissue as it was when its breathing was known.
 #[derive(Clone, Debug)]
@@ -41,7 +41,7 @@ pub struct TissueSway {
     entry: Entry,
     lead: f64,
     track: MarkerTrack,
-    /// When breathing was told from stillness.
+    /// When breathing was distinguished from rest.
     told: Option<Stamp>,
     /// The periodic part at rest \[m\]; nothing while the tissue counts as still.
     rest: Option<Vector3<f64>>,

@@ -9,7 +9,7 @@ use phantom::{Bench, Draw, Truth, bench::Setup};
 
 use crate::config::Config;
 
-/// A move that is none.
+/// An invalid move.
 #[derive(Debug, thiserror::Error)]
 pub enum HandError {
     /// The bench refused it.
@@ -107,7 +107,7 @@ impl Hand {
         self.period
     }
 
-    /// What is really the case, at the last exposure.
+    /// Ground truth at the last exposure.
     pub fn truth(&self) -> &Truth {
         self.bench.truth()
     }

@@ -31,7 +31,7 @@ const MODEL_SIGMA: Sigmas = Sigmas {
 const NORMAL: f64 = 1.96;
 /// A parameter is called identified when its logarithm's standard deviation is below this.
 const IDENTIFIED: f64 = 0.45;
-/// Spread of the bevel's direction below which its effect cannot be told from another bias.
+/// Spread of the bevel's direction below which its effect cannot be distinguished from another bias.
 const TURNED: f64 = 0.3;
 
 struct Sigmas {
@@ -222,7 +222,7 @@ pub fn identify(recordings: &[Recording]) -> Result<Identified, IdentifyError> {
     let unclear = |sigma: f64, why: &str| (sigma > IDENTIFIED).then(|| why.to_owned());
     let no_shaft = (!shaft).then(|| "no points of the shaft were measured".to_owned());
     let no_turn = (turned < TURNED).then(|| {
-        "the bevel was hardly turned: its effect cannot be told from another bias of the path"
+        "the bevel was hardly turned: its effect cannot be distinguished from another bias of the path"
             .to_owned()
     });
     let k_reason = no_shaft.or_else(|| unclear(k_sigma, "the needle was hardly pushed sideways"));

@@ -14,7 +14,7 @@ use crate::roll::spin_limit;
 /// Angle \[rad\] and distance \[m\] of the needle from the axis of the joint that turns it, beyond
 /// which the other joints would have to swing the holder round with every turn.
 const OFF_AXIS: (f64, f64) = (0.0175, 2e-3);
-/// Least travel of that joint \[rad\]: with 300 degrees the bevel can go to and fro.
+/// Least travel of that joint \[rad\]: with 300 degrees the bevel can alternate between the ends.
 const LEAST_TURN: f64 = 300.0 / 360.0 * TAU - 1e-6;
 /// Distance that the joints keep from their ends on the way \[rad\]: what the guard keeps, and
 /// room for the base to steer.

@@ -17,7 +17,7 @@ const SEARCHING: u32 = 16;
 const KEEPING: u32 = 50;
 /// Newton steps of a shaft that snaps.
 const SNAPPING: u32 = 120;
-/// Closer than this to and fro between two sides of a corner, contacts keep their places \[m\].
+/// Oscillating by less than this between two sides of a corner, contacts keep their places \[m\].
 const CORNER: f64 = 1e-3;
 
 /// How an equilibrium was found.

@@ -27,7 +27,7 @@ pub enum SettingsError {
         /// What must hold.
         expected: &'static str,
     },
-    /// A place in the laboratory that is none.
+    /// An invalid pose.
     #[error("{key}: must be a finite pose within {} m of the origin", FARTHEST)]
     Pose {
         /// What should stand there.

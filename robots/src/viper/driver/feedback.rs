@@ -78,7 +78,7 @@ impl Tracker {
 }
 
 /// From the controller's cycle count to the run's clock: the shortest delay seen so far is taken
-/// for the true one. A delay that is there from the start cannot be told from a clock offset.
+/// for the true one. A delay that is there from the start cannot be distinguished from a clock offset.
 #[derive(Clone, Copy, Debug)]
 struct TickMap {
     seen: Stamp,

@@ -29,13 +29,13 @@ pub enum WireError {
         /// The field.
         kind: i32,
     },
-    /// The communication type is none of topic, request and reply.
+    /// The communication type is not topic, request or reply.
     #[error("unknown communication type {comm}")]
     Comm {
         /// The field.
         comm: i32,
     },
-    /// The reply code is none of none, success and failure.
+    /// The reply code is not none, success or failure.
     #[error("unknown reply code {code}")]
     ReplyCode {
         /// The field.

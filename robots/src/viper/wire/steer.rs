@@ -163,7 +163,7 @@ pub enum Refusal {
     Stopped,
     /// The client left.
     ClientLost,
-    /// A frame that is none of this dialect, or cannot be read.
+    /// A frame that does not belong to this dialect, or cannot be read.
     Protocol,
     /// A number that this version does not know.
     Unknown(i32),
