@@ -234,10 +234,11 @@ fn a_needle_of_any_width_blur_and_polarity_is_found_with_axes_at_any_angle() {
         all.extend(errors);
     }
     all.sort_by(f64::total_cmp);
-    // Wanted are 99 and 0.05 mm; measured 99 and 0.10 mm.
-    assert!(found >= 99, "{found} of 100");
     let median = all[all.len() / 2];
-    assert!(median <= 0.12, "{median} mm");
+    println!("all: {found} of 100 found, tip median {median:.3} mm");
+    assert!(found >= 99, "{found} of 100");
+    // Wanted is 0.05 mm; what grid lines hide behind the needle keeps it from that.
+    assert!(median <= 0.065, "{median} mm");
 }
 
 #[test]

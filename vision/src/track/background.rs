@@ -159,7 +159,9 @@ impl Background {
     /// Paints the needle out of what was learned: on the line from `from` to `to`, grey levels
     /// run evenly from one end to the other.
     pub(super) fn paint_out(&mut self, from: Vector2<f64>, to: Vector2<f64>) {
-        let (Some(a), Some(b)) = (self.at(from), self.at(to)) else {
+        let outwards = (to - from).try_normalize(1e-9).unwrap_or_default();
+        let (Some(a), Some(b)) = (self.level_at(from, -outwards), self.level_at(to, outwards))
+        else {
             return;
         };
         let steps = ((to - from).norm() / PAINTED).ceil().max(1.0);
@@ -177,6 +179,20 @@ impl Background {
             }
             step += 1.0;
         }
+    }
+
+    /// Mean of some pixels from `from` on, that one pixel's noise is not painted over many.
+    fn level_at(&self, from: Vector2<f64>, direction: Vector2<f64>) -> Option<f32> {
+        const PIXELS: u32 = 3;
+        let mut sum = self.at(from)?;
+        let mut count = 1.0;
+        for k in 1..PIXELS {
+            if let Some(grey) = self.at(from + direction * f64::from(k)) {
+                sum += grey;
+                count += 1.0;
+            }
+        }
+        Some(sum / count)
     }
 
     /// Row `y` of the mean image, in the levels of images; nothing before one was learned.

@@ -7,25 +7,40 @@ const TRIED: [f64; 14] = [
 /// Length of a difference that stands for the slope \[px\].
 const STEP: f64 = 1.0;
 
-/// Gaussian blur \[px\] of a band whose flanks at half height have the slope `steepness`, in heights
-/// a width, and which there is `width` \[px\] wide.
-pub(super) fn estimate(width: f64, steepness: f64) -> f64 {
-    let mut last: Option<(f64, f64)> = None;
+/// A band as it was before it was blurred.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Band {
+    /// Gaussian blur \[px\].
+    pub blur: f64,
+    /// Width without it \[px\].
+    pub width: f64,
+}
+
+/// The band that blurred has flanks of the slope `steepness` at half height, in heights a width, and
+/// there is `width` \[px\] wide.
+pub(super) fn estimate(width: f64, steepness: f64) -> Band {
+    let mut last: Option<(f64, Band)> = None;
     for ratio in TRIED {
         let half = half_width(ratio);
         // Of a band with a half width of 1; here it is in pixels.
         let unit = 0.5 * width / half;
         let slope = slope(ratio, half, STEP / unit) * 2.0 * half;
-        let blur = ratio * unit;
+        let band = Band {
+            blur: ratio * unit,
+            width: 2.0 * unit,
+        };
         if slope <= steepness {
-            return last.map_or(blur, |(before, blur_before)| {
+            return last.map_or(band, |(before, last)| {
                 let share = ((before - steepness) / (before - slope)).clamp(0.0, 1.0);
-                blur_before + (blur - blur_before) * share
+                Band {
+                    blur: last.blur + (band.blur - last.blur) * share,
+                    width: last.width + (band.width - last.width) * share,
+                }
             });
         }
-        last = Some((slope, blur));
+        last = Some((slope, band));
     }
-    last.map_or(0.0, |(_, blur)| blur)
+    last.map(|(_, band)| band).unwrap_or_default()
 }
 
 /// A band of half width 1 under a Gaussian, by its height in the middle.
@@ -90,7 +105,16 @@ mod tests {
                 let slope = height(low - 0.5) - height(low + 0.5);
                 let found = estimate(2.0 * low, slope * 2.0 * low);
                 // Between the blurs tried the slope is taken as linear.
-                assert!((found / sigma - 1.0).abs() < 0.1, "{half} {sigma}: {found}");
+                assert!(
+                    (found.blur / sigma - 1.0).abs() < 0.1,
+                    "{half} {sigma}: {found:?}"
+                );
+                // Where the blur is wider than the band, all bands look alike.
+                let doubt = 0.05 + 0.2 * (sigma / half).powi(2);
+                assert!(
+                    (0.5 * found.width / half - 1.0).abs() < doubt,
+                    "{half} {sigma}: {found:?}"
+                );
             }
         }
     }

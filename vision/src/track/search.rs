@@ -155,14 +155,36 @@ impl StereoTracker {
             begun.map_err(|flaw| Loss::Start { image: k, flaw })?;
         }
         if self.images[0].tapers() != self.images[1].tapers() {
-            let k = usize::from(self.images[0].tapers());
-            let (look, _) = self.look(k, tip, Some(&axis), context);
-            let again = self.images[k].taper(images[k], &look);
-            again.map_err(|flaw| Loss::Start { image: k, flaw })?;
+            self.end_again(images, context, [tip, &axis], true)?;
         }
         let mut curve = self.common_curve(count)?;
         self.fuse(&mut curve, 12)?;
+        // A flat end's rim is seen as the tip is turned, not as the line is on the whole.
+        let (tip, axis) = (curve.at(1.0), curve.derivative(1.0).normalize());
+        let kept = self.images.clone();
+        let flat = self.end_again(images, context, [&tip, &axis], false);
+        if flat.is_err() || !self.images.iter().all(ImageTracker::fits_flat) {
+            self.images = kept;
+        }
+        self.fuse(&mut curve, 12)?;
         Ok(curve)
+    }
+
+    /// Measures the tip once more, tapering or flat as `tapers` says, now that it is known to be
+    /// about at `tip` and to point along `axis`.
+    fn end_again(
+        &mut self,
+        images: [&GrayImage; 2],
+        context: &Context<'_>,
+        [tip, axis]: [&Vector3<f64>; 2],
+        tapers: bool,
+    ) -> Result<(), Loss> {
+        for k in 0..2 {
+            let (look, _) = self.look(k, tip, Some(axis), context);
+            let again = self.images[k].end_again(images[k], &look, tapers);
+            again.map_err(|flaw| Loss::Start { image: k, flaw })?;
+        }
+        Ok(())
     }
 
     /// The curve in space that both images' curves make, these cut to what both show.

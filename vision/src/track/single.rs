@@ -95,6 +95,8 @@ pub struct ImageTracker {
     points: usize,
     /// Blur of the image, as given or as found at the start \[px\].
     blur: f64,
+    /// Width of the needle without blur, as found at the start, by that with it.
+    sharp: f64,
     /// Whether the tip tapers in a way that is not known.
     tapers: bool,
     /// Misfit of the newest tip's silhouette.
@@ -133,6 +135,7 @@ impl ImageTracker {
             leaning: None,
             points: settings.control_points,
             blur: settings.blur_px * width as f64 / 640.0,
+            sharp: 1.0,
             tapers: false,
             misfit: 0.0,
             leapt: false,
@@ -176,6 +179,7 @@ impl ImageTracker {
         self.noise = 0.01;
         self.points = self.settings.control_points;
         self.blur = self.given_blur();
+        self.sharp = 1.0;
     }
 
     pub(super) fn filter(&self) -> Option<&CurveFilter> {
@@ -253,8 +257,9 @@ impl ImageTracker {
                 &mut filter,
                 look,
                 short.powi(4).clamp(BEND_AGAIN, 1.0),
+                self.settings.normals,
             )
-            .and_then(|()| self.tip(image, &mut filter, look).map(drop))
+            .and_then(|()| self.tip(image, &mut filter, look, true).map(drop))
         } else {
             Err(Flaw::NOTHING)
         };
@@ -269,13 +274,15 @@ impl ImageTracker {
     }
 
     /// Measures the shaft along its normals and updates the filter robustly; `straight` is the
-    /// share of what is known of its bending that is not known to the filter yet.
+    /// share of what is known of its bending that is not known to the filter yet, `most` the
+    /// largest number of normals.
     fn shaft(
         &mut self,
         image: &GrayImage,
         filter: &mut CurveFilter,
         look: &Look,
         straight: f64,
+        most: usize,
     ) -> Result<(), Flaw> {
         let curve = filter.curve();
         let search = self.settings.search_px * self.scale;
@@ -283,7 +290,9 @@ impl ImageTracker {
         self.offsets.clear();
         // Normals closer than a pixel see the same noise.
         let length = curve.length();
-        let wanted = self.settings.normals.min(length as usize).max(LEAST);
+        let wanted = most.min(length as usize).max(LEAST);
+        // What no noise explains does not average out over more normals.
+        let crowd = (wanted as f64 / self.settings.normals as f64).max(1.0);
         let count = self.points;
         let ends = look.width / curve.derivative(1.0).norm().max(1.0);
         let doubts = doubts(filter, &curve, count);
@@ -336,7 +345,9 @@ impl ImageTracker {
             return Err(flaw(self.offsets.len()));
         }
         let contrast = contrast / self.offsets.len() as f64;
-        let solution = self.robust(filter, look, straight).ok_or(flaw(0))?;
+        let solution = self
+            .robust(filter, look, straight, crowd.sqrt())
+            .ok_or(flaw(0))?;
         let survivors = self.shares.iter().filter(|share| **share > 0.2).count();
         if survivors < enough {
             return Err(flaw(survivors));
@@ -348,8 +359,15 @@ impl ImageTracker {
         Ok(())
     }
 
-    /// Tukey's weights, from a scale found in the residuals themselves.
-    fn robust(&mut self, filter: &mut CurveFilter, look: &Look, straight: f64) -> Option<Solution> {
+    /// Tukey's weights, from a scale found in the residuals themselves; what is left deviates by
+    /// `least` times what it states at least.
+    fn robust(
+        &mut self,
+        filter: &mut CurveFilter,
+        look: &Look,
+        straight: f64,
+        least: f64,
+    ) -> Option<Solution> {
         /// Tukey's constant, for 95 % efficiency on Gaussian noise.
         const TUKEY: f64 = 4.685;
         /// Change by another round that is none \[px\].
@@ -359,7 +377,7 @@ impl ImageTracker {
         }
         self.shares.clear();
         self.shares.resize(self.offsets.len(), 1.0);
-        let mut solution = filter.solve(&self.offsets, &self.shares, 1.0)?;
+        let mut solution = filter.solve(&self.offsets, &self.shares, least)?;
         for _ in 0..3 {
             // First the residuals, then what they are worth.
             for (share, offset) in self.shares.iter_mut().zip(&self.offsets) {
@@ -376,7 +394,7 @@ impl ImageTracker {
                 *share = (1.0 - x * x).max(0.0).powi(2);
             }
             // Residuals larger than their stated noise say that it is larger.
-            let next = filter.solve(&self.offsets, &self.shares, scale)?;
+            let next = filter.solve(&self.offsets, &self.shares, scale * least)?;
             let points = 2 * self.points;
             let moved = (next.change - solution.change).rows(0, points).amax();
             solution = next;
@@ -387,12 +405,14 @@ impl ImageTracker {
         Some(solution)
     }
 
-    /// Finds the tip and updates the filter; false where the background hides it.
+    /// Finds the tip and updates the filter; false where the background hides it. A tip that jumps
+    /// is `gated`, except where there was none before.
     fn tip(
         &mut self,
         image: &GrayImage,
         filter: &mut CurveFilter,
         look: &Look,
+        gated: bool,
     ) -> Result<bool, Flaw> {
         let curve = filter.curve();
         let end = weights(self.points, 1.0);
@@ -411,7 +431,7 @@ impl ImageTracker {
                 reach,
                 bevel_px: look.bevel_px,
                 side: look.side,
-                rim_px: look.rim_px,
+                rim_px: look.rim_px * self.sharp,
                 blur: self.blur,
                 tapers: self.tapers,
             };
@@ -429,7 +449,7 @@ impl ImageTracker {
                 .jumped
                 .is_some_and(|before| (before - place).norm() < 2.0 * self.scale);
             self.jumped = Some(place);
-            if !again {
+            if gated && !again {
                 return Err(Flaw::Tip);
             }
             filter.free_tip(fix.shift.abs());

@@ -18,6 +18,8 @@ const BLUR: [f64; 2] = [0.5, 1.8];
 const LEAST_BLUR: f64 = 0.4;
 const MOST_BLUR: f64 = 8.0;
 
+/// Blurs beyond its edge at which a needle has faded.
+const FADED: f64 = 2.0;
 /// Misfit up to which a tip of unknown form is flat.
 const FLAT: f64 = 0.08;
 
@@ -100,17 +102,18 @@ impl ImageTracker {
         self.bad = 1;
         self.jumped = None;
         self.tapers = false;
-        self.shaft(image, &mut filter, look, 1.0)?;
+        // Once a normal a pixel: what is found now is what the search hands on.
+        self.shaft(image, &mut filter, look, 1.0, usize::MAX)?;
         filter.free_tip(self.settings.search_px * self.scale);
         let shaft = filter.clone();
-        let mut found = self.tip(image, &mut filter, look);
-        let flat = found.is_ok() && self.misfit < FLAT;
+        let mut found = self.tip(image, &mut filter, look, false);
+        let flat = found.is_ok() && self.fits_flat();
         if !flat && seen.is_some() && look.bevel_px < 1.0 {
             // No flat end: a bevel of unknown length, or one that light and blur wash out.
             filter = shaft;
             self.tapers = true;
             self.jumped = None;
-            found = self.tip(image, &mut filter, look);
+            found = self.tip(image, &mut filter, look, false);
         }
         if !found? {
             // Where a bubble ends is not where the needle does.
@@ -126,22 +129,33 @@ impl ImageTracker {
         Ok(())
     }
 
-    /// Takes the tip as tapering, as it does in the other image.
+    /// Measures the tip once more, as it is seen from where it is now known to be; `tapers` as it
+    /// does in the other image.
     ///
     /// # Errors
     /// The needle ends nowhere.
-    pub(in crate::track) fn taper(&mut self, image: &GrayImage, look: &Look) -> Result<(), Flaw> {
+    pub(in crate::track) fn end_again(
+        &mut self,
+        image: &GrayImage,
+        look: &Look,
+        tapers: bool,
+    ) -> Result<(), Flaw> {
         let Some(mut filter) = self.filter.take() else {
             return Err(Flaw::Tip);
         };
-        self.tapers = true;
+        self.tapers = tapers;
         filter.free_tip(self.settings.search_px * self.scale);
-        // To begin with there is no gate.
+        // Sought as far as to begin with.
         self.bad = 1;
-        let found = self.tip(image, &mut filter, look);
+        let found = self.tip(image, &mut filter, look, false);
         self.bad = 0;
         self.filter = Some(filter);
         if found? { Ok(()) } else { Err(Flaw::Tip) }
+    }
+
+    /// Whether the newest tip looks like a flat end.
+    pub(in crate::track) fn fits_flat(&self) -> bool {
+        self.misfit < FLAT
     }
 
     /// Grey level of the background in the middle of a line.
@@ -209,13 +223,14 @@ impl ImageTracker {
         }
         let found = blur::estimate(width / agree as f64, steepness / agree as f64);
         let given = self.given_blur();
-        let ratio = found / given;
+        let ratio = found.blur / given;
+        self.sharp = found.width / look.width;
         self.blur = if self.hints.blur_px.is_some() || (ratio > BLUR[0] && ratio < BLUR[1]) {
             given
         } else {
-            found.clamp(LEAST_BLUR, MOST_BLUR)
+            found.blur.clamp(LEAST_BLUR, MOST_BLUR)
         };
-        let solution = self.robust(&mut filter, look, 1.0).ok_or(flaw)?;
+        let solution = self.robust(&mut filter, look, 1.0, 1.0).ok_or(flaw)?;
         filter.accept(&solution);
         Ok(filter.curve())
     }
@@ -276,7 +291,7 @@ impl ImageTracker {
 
     /// Takes the needle out of a background that was learned with it.
     fn paint_out(&mut self, curve: &Curve2, look: &Look) {
-        let half = 0.5 * look.width + 2.5 * self.scale;
+        let half = 0.5 * look.width + (2.5 * self.scale).max(FADED * self.blur);
         let steps = (curve.length() / PAINTED).ceil();
         // The tip may be a good deal farther on than the shaft's even part.
         let ahead = (8.0 * self.scale).max(3.0 * look.width);
