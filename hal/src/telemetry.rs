@@ -153,6 +153,10 @@ pub struct ModelReport {
     /// of the messages of ROS and logs.
     #[serde(default)]
     pub shaft_off: f64,
+    /// Largest distance of the measured shaft from where the measured tip went, in tissue at rest: what
+    /// it stretches the tissue by \[m\]; NaN unknown. Not part of the messages of ROS and logs.
+    #[serde(default)]
+    pub path_off: f64,
 }
 
 /// Something that ends the regular course of an insertion in a simulated world.

@@ -36,11 +36,10 @@ fn main() -> ExitCode {
     });
     let done: Vec<&Verdict> = verdicts.iter().flatten().collect();
     let passed = done.iter().filter(|v| v.ended.is_success()).count();
-    let broken_off = done.iter().filter(|v| v.abandoned).count();
-    let named = done.len() - passed - broken_off;
+    let named = done.len() - passed;
     let mut causes = BTreeMap::<String, (u64, u64)>::new();
     for verdict in &done {
-        let Some(cause) = verdict.cause.filter(|_| !verdict.abandoned) else {
+        let Some(cause) = verdict.cause else {
             continue;
         };
         let tally = causes.entry(cause.to_string()).or_default();
@@ -49,7 +48,7 @@ fn main() -> ExitCode {
     }
     let confirmed: u64 = causes.values().map(|(_, confirmed)| confirmed).sum();
     let rate = |what: &str, hits: u64, of: u64| {
-        let [low, high] = interval::exact(hits, of);
+        let [low, high] = interval::proportion(hits, of);
         println!(
             "{what}: {hits} of {of} ({:.1}-{:.1} %)",
             low * 100.0,
@@ -65,13 +64,18 @@ fn main() -> ExitCode {
     );
     rate("passed", passed as u64, all);
     rate("damaged needle, tissue or world", tally(|v| v.spoilt), all);
-    rate("broken off, its world destroyed", broken_off as u64, all);
+    rate("given up, without a truth", tally(|v| v.given_up), all);
     rate(
         "passed with the tip elsewhere",
         tally(Verdict::is_false_pass),
         passed as u64,
     );
     rate("pushed blind", tally(Verdict::pushed_blind), all);
+    rate(
+        "the same, with the tissue or against it",
+        tally(|v| v.blind_in_world_mm > 3.0),
+        all,
+    );
     rate("failed model read", tally(Verdict::read_failed_model), all);
     rate("cause confirmed by the truth", confirmed, named as u64);
     for (cause, (count, confirmed)) in causes {
@@ -90,8 +94,8 @@ fn line(world: &World, v: &Verdict) -> String {
         (v.is_false_pass(), "FALSE-PASS "),
         (v.pushed_blind(), "BLIND "),
         (v.read_failed_model(), "FROZEN "),
-        (!v.confirmed && !v.abandoned, "UNCONFIRMED "),
-        (v.abandoned, "ABANDONED "),
+        (!v.confirmed, "UNCONFIRMED "),
+        (v.given_up, "GIVEN-UP "),
         (v.spoilt, "spoilt "),
     ] {
         if is {
@@ -99,13 +103,14 @@ fn line(world: &World, v: &Verdict) -> String {
         }
     }
     format!(
-        "{}|{}|{}|{marks}|said {:.2} ahead {:.2} blind {:.2} frozen {:.2}|{:?}|{}",
+        "{}|{}|{}|{marks}|said {:.2} ahead {:.2} blind {:.2} in World {:.2} frozen {:.2}|{:?}|{}",
         world.index,
         world.overrides[0],
         v.ended,
         v.said_off_mm,
         v.axial_mm,
         v.blind_mm,
+        v.blind_in_world_mm,
         v.frozen_s,
         v.truths,
         world.overrides[1..].join(" ")

@@ -22,6 +22,7 @@ use vision::track::TrackSettingsError;
 pub use crate::bearings::{Bearings, base_pose};
 use crate::bearings::{entry_point, first_telemetry, freedom};
 use crate::config::Config;
+use crate::monitor::Trace;
 use crate::monitor::plausibility::{Implausible, Plausibility};
 use crate::odometry::Odometry;
 use crate::roll::{joint_rates, roll_travel, within_speed};
@@ -93,6 +94,7 @@ pub struct Cycle {
     shaft: Vec<(Point3<f64>, f64)>,
     sight: Option<Sight>,
     plausibility: Plausibility,
+    trace: Trace,
     /// Since when the springs model has no equilibrium, and why.
     model_failure: Option<(Stamp, String)>,
     /// The newest measurement of the tip that was taken, with its exposure.
@@ -140,6 +142,7 @@ impl Cycle {
             shaft: Vec::with_capacity(128),
             sight: Sight::of(config, &bearings)?,
             plausibility: Plausibility::new(config.needle.length_mm * 1e-3),
+            trace: Trace::default(),
             model_failure: None,
             measured: None,
             telemetry: first_telemetry(state, &world_from_base, &tip.world_from_tip),

@@ -19,6 +19,8 @@ const APART: f64 = 0.8e-3;
 const NOISE: f64 = 2.0;
 /// Places said that are kept: a second at 250 Hz.
 const KEPT: usize = 256;
+/// Time in which the arm comes to rest \[s\]: until then the tip may still leap.
+const RESTS: f64 = 0.2;
 /// Longest wait for a measurement that agrees with the estimate \[s\]: half a second of latency,
 /// and the time in which the estimate follows the measurements.
 const PATIENCE: f64 = 3.0;
@@ -78,7 +80,8 @@ impl Passing {
             return Answer::Ahead;
         }
         let since = *self.since.get_or_insert(now);
-        let Some((exposed, tip)) = measured.filter(|(exposed, _)| *exposed >= since) else {
+        let rested = |(exposed, _): &&(Stamp, SensedTip)| exposed.secs_since(since) >= RESTS;
+        let Some((exposed, tip)) = measured.filter(rested) else {
             return Answer::Awaited;
         };
         let apart = self.compare(*exposed, tip);
@@ -170,11 +173,15 @@ mod tests {
         assert_eq!(look(&mut passing, 2.1, -1e-4, None), Answer::Awaited);
         assert_eq!(
             look(&mut passing, 2.1, -1e-4, Some((2.05, 0.0999))),
+            Answer::Awaited
+        );
+        assert_eq!(
+            look(&mut passing, 2.3, -1e-4, Some((2.25, 0.0999))),
             Answer::Passed
         );
         // Thirty millimetres short: no verdict but a disagreement, in the end.
-        let short = Some((2.2, 0.07));
-        assert_eq!(look(&mut passing, 2.2, -1e-4, short), Answer::Awaited);
+        let short = Some((2.4, 0.07));
+        assert_eq!(look(&mut passing, 2.4, -1e-4, short), Answer::Awaited);
         assert!(matches!(
             look(&mut passing, 6.0, -1e-4, short),
             Answer::Disagree(by) if (by - 0.03).abs() < 1e-9

@@ -129,7 +129,7 @@ pub struct Supervisor {
     implausible: Option<Implausible>,
     stalled: Option<Stamp>,
     /// Since when the tissue is loaded beyond its bounds, and what that is put down to.
-    overloaded: Option<(Stamp, Cause)>,
+    overloaded: Option<(Stamp, StopReason)>,
     /// Number of the newest token and when it came, or when tokens were first looked for.
     dead_man: Option<(u64, Stamp)>,
     /// Whether a token has come.
@@ -202,20 +202,16 @@ impl Supervisor {
         // The time counts from when the arm was held, not from when the tip fell behind.
         self.stalled = evidence.stalled.and(self.stalled.or(Some(now)));
         self.implausible = evidence.implausible.or(self.implausible);
-        let load = self.overload(telemetry, evidence);
-        let load = load.filter(|_| evidence.model.is_none());
-        self.overloaded = load.map(|reason| {
-            let moves = evidence.tissue_motion.map(|_| Cause::TissueMotion);
-            let since = self.overloaded.map_or(now, |(since, _)| since);
-            (since, moves.unwrap_or_else(|| reason.cause()))
-        });
+        let since = self.overloaded.take().map_or(now, |(since, _)| since);
+        let load = self.load(telemetry, evidence);
+        self.overloaded = load.map(|reason| (since, reason));
         if self.latched.is_none() {
             let swing = self.swing(telemetry);
             self.latched = self
                 .device(now, arm, telemetry)
                 .and(swing)
                 .and_then(|()| self.measurements(now, evidence))
-                .and_then(|()| self.needle(now, telemetry, evidence))
+                .and_then(|()| self.needle(now, evidence))
                 .err();
         }
         match &self.latched {
@@ -241,7 +237,7 @@ impl Supervisor {
         } else if evidence.model.as_ref().is_some_and(model_fails) {
             Some(Cause::ModelFailed)
         } else {
-            self.overloaded.map(|(_, cause)| cause)
+            self.overloaded.as_ref().map(|(_, reason)| reason.cause())
         }
     }
 
@@ -332,7 +328,7 @@ impl Supervisor {
     }
 
     /// Needle and tissue, by measurement and by a model that is not read while it fails.
-    fn needle(&self, now: Stamp, t: &Telemetry, evidence: &Evidence) -> Result<(), StopReason> {
+    fn needle(&self, now: Stamp, evidence: &Evidence) -> Result<(), StopReason> {
         if let (Some(since), Some(stalled)) = (self.stalled, evidence.stalled)
             && now.since(since) > STALL_STOP
         {
@@ -341,26 +337,36 @@ impl Supervisor {
                 _ => StopReason::Stall { stalled },
             });
         }
-        let moves = evidence
-            .tissue_motion
-            .map(|by_m| StopReason::TissueMotion { by_m });
-        if let Some((since, problem)) = &evidence.model {
-            let failed = || StopReason::ModelFailed {
-                for_s: now.secs_since(*since),
-                problem: problem.clone(),
-            };
-            return if now.since(*since) > MODEL_STOP {
-                Err(moves.unwrap_or_else(failed))
-            } else {
-                Ok(())
-            };
+        if let Some((since, reason)) = &self.overloaded
+            && now.since(*since) > LOAD_STOP
+        {
+            return Err(reason.clone());
         }
-        match (self.overloaded, self.overload(t, evidence)) {
-            (Some((since, _)), Some(reason)) if now.since(since) > LOAD_STOP => {
-                Err(moves.unwrap_or(reason))
-            }
+        match &evidence.model {
+            Some((since, problem)) if now.since(*since) > MODEL_STOP => Err(moved(evidence)
+                .unwrap_or_else(|| StopReason::ModelFailed {
+                    for_s: now.secs_since(*since),
+                    problem: problem.clone(),
+                })),
             _ => Ok(()),
         }
+    }
+
+    /// What the tissue's load is beyond its bounds: by the measured shaft, or by a model that is not read
+    /// while it fails, and may have taken the tissue's motion for stretch where that was seen.
+    fn load(&self, t: &Telemetry, evidence: &Evidence) -> Option<StopReason> {
+        self.torn(t, evidence).or_else(|| {
+            let known = evidence.model.is_none();
+            let load = known.then(|| self.overload(t, evidence)).flatten()?;
+            Some(moved(evidence).unwrap_or(load))
+        })
+    }
+
+    /// What the measured shaft says, where there is one.
+    fn torn(&self, t: &Telemetry, evidence: &Evidence) -> Option<StopReason> {
+        let off_m = t.model.path_off - evidence.largest_tissue_motion;
+        let bound_m = self.bounds.tissue_stretch;
+        (off_m > bound_m).then_some(StopReason::ShaftAside { off_m, bound_m })
     }
 
     /// What the model says of the tissue's load, where that is beyond its bounds. What the tissue
@@ -415,6 +421,12 @@ impl Supervisor {
         }
         Ok(())
     }
+}
+
+/// The tissue moves more than can be followed, by the monitor.
+fn moved(evidence: &Evidence) -> Option<StopReason> {
+    let by_m = evidence.tissue_motion?;
+    Some(StopReason::TissueMotion { by_m })
 }
 
 /// Beyond the bound; a value that is not a number is.

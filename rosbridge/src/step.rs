@@ -84,6 +84,7 @@ impl From<&msgs::Model> for ModelReport {
             iterations: m.iterations,
             residual: m.residual,
             shaft_off: f64::NAN,
+            path_off: f64::NAN,
         }
     }
 }

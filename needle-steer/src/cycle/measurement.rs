@@ -7,6 +7,7 @@ use hybrid_control::{Health, Observation};
 use nalgebra::{Isometry3, Point3};
 
 use super::{Cycle, SHORT_PATH};
+use crate::monitor::Trace;
 
 impl Cycle {
     /// Images to curves to shape, with the base pose of their own instant.
@@ -49,12 +50,17 @@ impl Cycle {
                 .iter()
                 .map(|p| (at_rest(in_world(&p.position)), p.sigma)),
         );
+        let tip_at_rest = at_rest(tip);
+        let axis_at_rest = then.map_or(axis, |field| field.direction_to_rest(&axis));
+        self.trace
+            .observe(shape.stamp, &tip_at_rest, &axis_at_rest, &self.shaft);
+        self.telemetry.model.path_off = self.trace.stretch().unwrap_or(f64::NAN);
         let health = self.estimator.observe(&Observation {
             stamp: shape.stamp,
             world_from_base: then.map_or(base, |field| field.pose_to_rest(&base)),
-            position: at_rest(tip),
+            position: tip_at_rest,
             position_sigma: sigma,
-            direction: then.map_or(axis, |field| field.direction_to_rest(&axis)),
+            direction: axis_at_rest,
             direction_sigma: shape.tip.direction_sigma,
             shaft: &self.shaft,
         });
@@ -78,6 +84,7 @@ impl Cycle {
             .see_unexplained(shape.stamp, &unexplained, sigma);
         if known && self.estimator.depth() < SHORT_PATH {
             self.estimator.begin_anew(base);
+            self.trace = Trace::default();
             let field = self.tissue.field(shape.stamp);
             let at_rest = field.map_or(*base, |field| field.pose_to_rest(base));
             let place = field.map_or(*tip.point(), |field| field.point_to_rest(tip.point()));

@@ -1,15 +1,17 @@
 //! The monitor of an insertion: it compares what was commanded with what was measured.
 //!
 //! It stands between the law and the arm, beside the [supervisor](crate::supervisor)'s bounds, and
-//! knows neither law nor tissue model. Four questions, each with its own file: does the tip follow
-//! the base ([`stall`]), does it move with the tissue ([`sideways`]), are the measurements recent
-//! ([`freshness`]), can they be of this needle ([`plausibility`]).
+//! knows neither law nor tissue model. Five questions, each with its own file: does the tip follow
+//! the base ([`stall`]), does the shaft follow the tip ([`trace`]), do both move with the tissue
+//! ([`sideways`]), are the measurements recent ([`freshness`]), can they be of this needle
+//! ([`plausibility`]).
 
 pub mod advance;
 pub mod freshness;
 pub mod plausibility;
 pub mod sideways;
 pub mod stall;
+pub mod trace;
 
 use hal::frame::LeftCamera;
 use hal::{SensedTip, Stamp, Transform};
@@ -19,6 +21,7 @@ pub use advance::Advance;
 pub use freshness::{Freshness, Stale};
 pub use sideways::Sideways;
 pub use stall::{Stall, Stalled};
+pub use trace::Trace;
 
 /// Advance of the base since the newest measurement from which the arm is slowed, and at which it
 /// stands \[m\]. Half a second of latency at the nominal 1 mm/s stays below the first.

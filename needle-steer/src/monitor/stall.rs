@@ -49,6 +49,8 @@ pub struct Stall {
     last: Option<Point3<f64>>,
     tip: f64,
     finding: Option<Stalled>,
+    /// Where a stall began that is not overcome yet, and where the base was when it was found last \[m\].
+    stall: Option<(Sample, f64)>,
 }
 
 impl Stall {
@@ -93,23 +95,29 @@ impl Stall {
         self.samples.push_back(now);
     }
 
-    fn compare(&self, exposed: Stamp, now: Sample) -> Option<Stalled> {
-        let before = self
-            .samples
-            .iter()
-            .rev()
-            .find(|s| s.base <= now.base - WINDOW)?;
-        let (base_m, tip_m) = (now.base - before.base, now.tip - before.tip);
-        let since = self.finding.map_or(exposed, |found| found.since);
+    /// A stall lasts until the tip has followed from where it began, and goes on to while the base
+    /// makes another window: a tip that goes to and fro with its tissue would let a base creep on,
+    /// a little with every breath.
+    fn compare(&mut self, exposed: Stamp, now: Sample) -> Option<Stalled> {
+        let over = |(begun, found): (Sample, f64)| {
+            now.base < begun.base + 0.5 * WINDOW || now.base > found + WINDOW
+        };
+        self.stall = self.stall.filter(|stall| !over(*stall));
         let share = if self.finding.is_some() {
             FOLLOWS
         } else {
             SHARE
         };
-        (tip_m < share * base_m).then_some(Stalled {
-            base_m,
-            tip_m,
-            since,
+        let stays = |then: &Sample| now.tip - then.tip < share * (now.base - then.base);
+        let window = |then: &&Sample| then.base <= now.base - WINDOW;
+        let recent = self.samples.iter().rev().find(window).copied();
+        let lasting = self.stall.map(|(begun, _)| begun);
+        let before = lasting.into_iter().chain(recent).find(stays)?;
+        self.stall = Some((lasting.unwrap_or(before), now.base));
+        Some(Stalled {
+            base_m: now.base - before.base,
+            tip_m: now.tip - before.tip,
+            since: self.finding.map_or(exposed, |found| found.since),
         })
     }
 
@@ -142,6 +150,23 @@ mod tests {
             }
         }
         None
+    }
+
+    /// The same with a tip that sticks in tissue which breathes along the needle.
+    #[test]
+    fn a_base_does_not_creep_on_with_every_breath() {
+        let mut stall = Stall::default();
+        let mut base = 0.0_f64;
+        for k in 0..3600_u32 {
+            let t = f64::from(k) / 30.0;
+            let breath = 0.8 * (core::f64::consts::TAU * 0.25 * t).sin();
+            let tip = Point3::new(0.0, 0.0, base.min(20.0) + breath) * 1e-3;
+            stall.observe(Stamp::from_secs(t), base * 1e-3, &tip, &Vector3::z_axis());
+            if stall.finding().is_none() {
+                base += 1.0 / 30.0;
+            }
+        }
+        assert!((20.5..24.0).contains(&base), "{base}");
     }
 
     /// A base that stands while its tip is found to stay behind, and goes on otherwise, in noise that

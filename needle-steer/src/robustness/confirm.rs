@@ -87,6 +87,8 @@ pub struct Truths {
     pub events: BTreeMap<&'static str, usize>,
     /// Age of measurements at their arrival, and mean time between them \[s\].
     pub measurements: (f64, f64),
+    /// Largest distance of the measured shaft from where the measured tip went, at the end.
+    pub path_off: f64,
     /// Time of the last step \[s\].
     pub t_s: f64,
 }
@@ -135,6 +137,7 @@ impl Truths {
                 sensor.latency_ms * 1e-3,
                 1.0 / (sensor.rate_hz * (1.0 - sensor.drop_fraction)),
             ),
+            path_off: (watch.last.as_ref()).map_or(f64::NAN, |last| last.model.path_off),
             t_s: end.t,
         }
     }

@@ -39,16 +39,25 @@ pub(super) struct Moment {
     pub(super) true_aside: f64,
 }
 
-/// Exposures at which tissue tore, or the phantom was out of balance, after which a world is
-/// destroyed: three seconds. What comes then is no truth, and takes the phantom very long.
-const DESTROYED: usize = 90;
+/// Exposures at which the phantom was out of balance, after which there is no truth to hold anything
+/// against, and the phantom takes very long: ten seconds, twice the supervisor's longest hold.
+const NO_TRUTH: usize = 300;
+
+/// How far a base went on without its tip \[m\].
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Blind {
+    /// As the base went.
+    pub(super) in_world: f64,
+    /// The same where it is an advance against the tissue too.
+    pub(super) in_tissue: f64,
+}
 
 /// Keeps every step of a run.
 #[derive(Clone, Debug)]
 pub struct Watch<'a> {
     controls: &'a Controls,
-    /// Steps in which the world was being destroyed.
-    destroyed: usize,
+    /// Steps in which the phantom was out of balance.
+    unbalanced: usize,
     advance: Advance,
     path: f64,
     tip_way: f64,
@@ -71,10 +80,8 @@ impl Observer for Watch<'_> {
         let t = telemetry.stamp.as_secs();
         self.events
             .extend(truth.events.iter().map(|event| (*event, t)));
-        let destroys =
-            |event: &TruthEvent| matches!(event, TruthEvent::Tearing | TruthEvent::Unconverged);
-        self.destroyed += usize::from(truth.events.iter().any(destroys));
-        if self.is_world_destroyed() {
+        self.unbalanced += usize::from(truth.events.contains(&TruthEvent::Unconverged));
+        if self.has_no_truth() {
             self.controls.stop();
         }
         self.follow(truth, &(base.rotation * Vector3::z()));
@@ -103,11 +110,11 @@ impl Observer for Watch<'_> {
 }
 
 impl<'a> Watch<'a> {
-    /// Of a run under `controls`, which end it when its world is destroyed.
+    /// Of a run under `controls`, which end it when its world has no truth any more.
     pub fn new(controls: &'a Controls) -> Self {
         Self {
             controls,
-            destroyed: 0,
+            unbalanced: 0,
             advance: Advance::default(),
             path: 0.0,
             tip_way: 0.0,
@@ -119,8 +126,13 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// Adds up what the tip cut and went, and the tissue along the base's `axis`. A needle that leaves its hole and enters another one has
-    /// two paths; what tearing takes from a path is taken.
+    /// Whether the run was given up because its world has no truth any more.
+    pub(super) fn has_no_truth(&self) -> bool {
+        self.unbalanced >= NO_TRUTH
+    }
+
+    /// Adds up what the tip cut and went, and the tissue along the base's `axis`. A needle that leaves
+    /// its hole and enters another one has two paths; what tearing takes from a path is taken.
     fn follow(&mut self, truth: &TruthReport, axis: &Vector3<f64>) {
         if let Some(before) = &self.truth {
             if before.path_length > 0.0 && truth.path_length > 0.0 {
@@ -141,23 +153,28 @@ impl<'a> Watch<'a> {
         });
     }
 
-    /// Whether the run was broken off because its world was destroyed.
-    pub(super) fn is_world_destroyed(&self) -> bool {
-        self.destroyed >= DESTROYED
-    }
-
-    /// Largest advance of the base over any time in which the cut path grew, and the tip went on in
-    /// the tissue, nowhere by `growth`, from when the needle is in the tissue \[m\]. A base that goes
-    /// with the tissue does not advance, and one that stands while tissue comes does not either.
-    pub(super) fn blind(&self, growth: f64) -> f64 {
+    /// Largest advance of the base over any time in which nowhere the cut path grew, nor the tip came
+    /// farther along the base's axis in the tissue, by `growth`, from when the needle is in the tissue
+    /// \[m\]. A tip that goes to and fro stalls from where it was farthest. A path that tearing
+    /// shortens is no stall while the tip goes on.
+    ///
+    /// In World, as `advance_mm` counts it; and that of it which is advance in the tissue too: a base
+    /// that goes with the tissue along its axis pushes nothing, and one that stands while tissue comes
+    /// does not advance.
+    pub(super) fn blind(&self, growth: f64) -> Blind {
         let cutting: Vec<&Moment> = self.moments.iter().filter(|m| m.path > 0.0).collect();
-        let mut largest = 0.0_f64;
+        let mut largest = Blind::default();
         for (k, then) in cutting.iter().enumerate() {
-            let stalls = |m: &&&Moment| (m.path - then.path).max(m.tip_way - then.tip_way) < growth;
+            let at = then.tip - then.tissue;
+            let stalls = |now: &&&Moment| {
+                let went_on = now.axis.dot(&(now.tip - now.tissue - at));
+                (now.path - then.path).max(went_on) < growth
+            };
             for now in cutting[k..].iter().take_while(stalls) {
                 let advance = now.advance - then.advance;
                 let carried = now.tissue_way - then.tissue_way;
-                largest = largest.max(advance.min(advance - carried));
+                largest.in_world = largest.in_world.max(advance);
+                largest.in_tissue = largest.in_tissue.max(advance.min(advance - carried));
             }
         }
         largest
@@ -266,7 +283,7 @@ mod tests {
             });
             watch.step(&telemetry);
         }
-        watch.blind(0.2e-3)
+        watch.blind(0.2e-3).in_tissue
     }
 
     #[test]

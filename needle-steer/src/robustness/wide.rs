@@ -199,14 +199,17 @@ pub struct Verdict {
     pub confirmed: bool,
     /// Whether needle, tissue or world were damaged.
     pub spoilt: bool,
-    /// Whether the run was broken off because its world was destroyed before it had a verdict.
-    pub abandoned: bool,
+    /// Whether the run was given up because the phantom found no balance for ten seconds.
+    pub given_up: bool,
     /// Distance of the true tip from where the controller said it was, at the end \[mm\].
     pub said_off_mm: f64,
     /// Target ahead of the true tip at the end \[mm\].
     pub axial_mm: f64,
-    /// Largest advance of the base while the cut path grew by less than 0.2 mm \[mm\].
+    /// Largest advance of the base, in World and in the tissue, while the cut path grew by less than
+    /// 0.2 mm \[mm\].
     pub blind_mm: f64,
+    /// The same in World alone: a base that follows the tissue is in it.
+    pub blind_in_world_mm: f64,
     /// Longest time in which the model's figures stood still while the needle moved \[s\].
     pub frozen_s: f64,
     /// The truth at the end, for whoever looks into it.
@@ -247,15 +250,17 @@ pub fn judge(config: &Config) -> Result<Verdict, RunError> {
         truly.map_or(*said, |truly| (truly.inverse() * in_stereo).coords())
     };
     let truths = Truths::of(config, &watch, place);
+    let blind = watch.blind(BLIND.1);
     let cause = summary.cause;
     Ok(Verdict {
         confirmed: cause.is_none_or(|cause| confirmed(&summary.ended, cause, config, &truths)),
         cause,
-        abandoned: watch.is_world_destroyed(),
+        given_up: watch.has_no_truth(),
         spoilt: summary.spoilt,
         said_off_mm: truths.said_off * 1e3,
         axial_mm: summary.axial_error_mm.unwrap_or(f64::NAN),
-        blind_mm: watch.blind(BLIND.1) * 1e3,
+        blind_mm: blind.in_tissue * 1e3,
+        blind_in_world_mm: blind.in_world * 1e3,
         frozen_s: watch.frozen(),
         ended: summary.ended,
         truths,

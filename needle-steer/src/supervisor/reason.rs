@@ -133,6 +133,18 @@ pub enum StopReason {
         /// The bound \[m\].
         bound_m: f64,
     },
+    /// The shaft left the path that its tip cut.
+    #[error(
+        "the measured shaft lies {:.1} mm beside where its tip went, bound {:.1} mm: the tissue is stretched or torn",
+        off_m * 1e3,
+        bound_m * 1e3
+    )]
+    ShaftAside {
+        /// Its largest distance from that, less what the tissue moves by itself \[m\].
+        off_m: f64,
+        /// The bound \[m\].
+        bound_m: f64,
+    },
     /// Lateral force at the entry too high.
     #[error("lateral force at the entry {value_n:.2} N, bound {bound_n:.2} N")]
     EntryForce {
@@ -218,7 +230,9 @@ impl StopReason {
                 problem: Implausible::Snap { .. },
             } => Cause::Buckling,
             Self::NeedleLost { .. } | Self::Implausible { .. } => Cause::NeedleLost,
-            Self::TissueStretch { .. } | Self::EntryForce { .. } => Cause::Tear,
+            Self::TissueStretch { .. } | Self::ShaftAside { .. } | Self::EntryForce { .. } => {
+                Cause::Tear
+            }
             Self::Stall { .. } => Cause::Stall,
             Self::TissueMotion { .. } => Cause::TissueMotion,
             Self::ModelFailed { .. }

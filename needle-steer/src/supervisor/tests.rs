@@ -189,3 +189,42 @@ fn a_stretch_that_the_measured_shaft_contradicts_is_the_models_fault() {
     // No shaft in sight contradicts nothing.
     assert_eq!(cause_of_stretch(8.5e-3, f64::NAN), Some(Cause::Tear));
 }
+
+/// What a measured shaft so far beside its path comes to, in tissue that was seen to move by `motion`
+/// and with a model that has `failed` or has not.
+fn cause_beside(off: f64, motion: f64, failed: bool) -> Option<Cause> {
+    let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
+    let mut seen = telemetry();
+    seen.model.path_off = off;
+    let mut last = Verdict::Go;
+    for k in 0..30 {
+        let now = Stamp::from_secs(0.016 * f64::from(k));
+        supervisor.image(now, None);
+        let arm = ArmState {
+            stamp: now,
+            ..state()
+        };
+        let evidence = Evidence {
+            tissue_motion: (motion > 0.0).then_some(motion),
+            largest_tissue_motion: motion,
+            model: failed.then(|| (now, String::new())),
+            ..Evidence::default()
+        };
+        last = supervisor.judge(now, &arm, &seen, &evidence);
+    }
+    match last {
+        Verdict::Stop(reason) => Some(reason.cause()),
+        _ => None,
+    }
+}
+
+#[test]
+fn a_shaft_beside_its_path_is_a_tear_whatever_the_model_says() {
+    assert_eq!(cause_beside(7.9e-3, 0.0, false), None);
+    assert_eq!(cause_beside(8.1e-3, 0.0, false), Some(Cause::Tear));
+    assert_eq!(cause_beside(8.1e-3, 0.0, true), Some(Cause::Tear));
+    // What the tissue moves by itself stretches nothing; what is not known stops nothing.
+    assert_eq!(cause_beside(8.1e-3, 2e-3, false), None);
+    assert_eq!(cause_beside(10.1e-3, 2e-3, false), Some(Cause::Tear));
+    assert_eq!(cause_beside(f64::NAN, 0.0, false), None);
+}

@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
+use hal::frame::LeftCamera;
 use hal::telemetry::{Phase, Telemetry};
-use hal::{Arm, ArmMode, ArmState, Joints, RateCommand, Stamp, Twist};
+use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, Stamp, Twist};
 use nalgebra::{Isometry3, Vector3};
 
 use super::path::{BasePath, Lead, Place};
@@ -12,8 +13,9 @@ use super::verdict::{Refusal, Stop, Summary, Verdict};
 use crate::bearings::{base_pose, first_telemetry};
 use crate::config::Config;
 use crate::controls::Controls;
+use crate::monitor::plausibility::Plausibility;
 use crate::observer::Observer;
-use crate::rig::Rig;
+use crate::rig::{Eyes, Rig};
 use crate::supervisor::in_words;
 
 /// Longest wait for an arm to be ready: a link may have to be made anew.
@@ -32,6 +34,12 @@ const SPEED_RATIO: f64 = 2.0;
 const SPEED_MARGIN: f64 = 2e-3;
 /// The base may be so far beside the path: distance \[m\], tilt \[rad\].
 const BESIDE: (f64, f64) = (2e-3, 0.1);
+
+/// Longest wait for a measurement of the needle when the base is back: half a second of latency, and
+/// some images.
+const LOOK: Duration = Duration::from_millis(700);
+/// A tip deeper than this is inside, however arm and sensor are registered \[m\].
+const INSIDE: f64 = 3e-3;
 
 /// What is to be withdrawn.
 #[derive(Debug)]
@@ -182,13 +190,52 @@ pub fn withdraw(
             summary.withdrawn_mm = (left - course.left).max(0.0) * 1e3;
         }
     }
+    if summary.ended.is_success()
+        && let Some(depth) = tip_depth(config, rig).filter(|depth| *depth > INSIDE)
+    {
+        summary.ended = Verdict::TipInside {
+            depth_mm: depth * 1e3,
+        };
+    }
     let now = rig.clock.now();
     summary.duration_s = now.secs_since(begun);
-    summary.tip_depth_mm = rig.world.as_ref().map(|world| {
-        let tip = world.true_tip() - config.entry().coords;
-        tip.dot(&config.inward()) * 1e3
-    });
+    summary.tip_depth_mm = true_tip_depth(config, rig).map(|depth| depth * 1e3);
     record.finish(now, config, summary)
+}
+
+/// Depth of the true tip below the surface, in a simulated world \[m\].
+fn true_tip_depth(config: &Config, rig: &Rig) -> Option<f64> {
+    let tip = rig.world.as_ref()?.true_tip() - config.entry().coords;
+    Some(tip.dot(&config.inward()))
+}
+
+/// Depth of the tip below the surface now that the base is back \[m\]: in a simulated world the true
+/// one, else by a measurement from now on, where a sensor of shapes makes one that can be of this needle.
+fn tip_depth(config: &Config, rig: &mut Rig) -> Option<f64> {
+    let truly = true_tip_depth(config, rig);
+    if truly.is_some() || !matches!(rig.eyes, Eyes::Shape(_)) {
+        return truly;
+    }
+    let since = rig.clock.now();
+    let period = rig.arm.description().period;
+    while rig.clock.now() < since + LOOK {
+        let next = rig.clock.now() + period;
+        rig.clock.wait_until(next);
+        let sight = rig.eyes.poll().ok()?;
+        let Some(shape) = sight.shape().filter(|shape| shape.stamp >= since) else {
+            continue;
+        };
+        let base = base_pose(&rig.bearings, &rig.arm.state().ok()?);
+        let in_world =
+            |place: &Position<LeftCamera>| *(rig.bearings.world_from_left_camera * *place).point();
+        let tip = in_world(&shape.tip.position);
+        let shaft = shape.points.iter().map(|point| in_world(&point.position));
+        let mut plausibility = Plausibility::new(config.needle.length_mm * 1e-3);
+        return plausibility
+            .admit(shape.stamp, &base, &tip, shaft)
+            .then(|| config.inward().dot(&(tip - config.entry())));
+    }
+    None
 }
 
 /// A withdrawal under way.

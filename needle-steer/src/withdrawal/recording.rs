@@ -210,7 +210,7 @@ impl Tape {
                 }
             }
             // A withdrawal within a run stands in both logs.
-            Record::Command(command) if command.stamp > self.newest() => {
+            Record::Command(command) if self.is_new(command.stamp) => {
                 if let Some(leg) = self.commands.last_mut() {
                     leg.push(command);
                 }
@@ -219,8 +219,9 @@ impl Tape {
         }
     }
 
-    fn newest(&self) -> Stamp {
+    /// Whether a command of `stamp` was not read yet. The first one of a simulated run has stamp zero.
+    fn is_new(&self, stamp: Stamp) -> bool {
         let last = self.commands.iter().rev().find_map(|leg| leg.last());
-        last.map_or(Stamp::ZERO, |command| command.stamp)
+        last.is_none_or(|command| stamp > command.stamp)
     }
 }

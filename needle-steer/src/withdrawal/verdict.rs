@@ -13,6 +13,11 @@ pub enum Verdict {
     Retracted,
     /// It was there already; nothing moved.
     AtStart,
+    /// The base is there, and the tip still in the tissue.
+    TipInside {
+        /// Depth of the tip below the surface \[mm\].
+        depth_mm: f64,
+    },
     /// It did not begin.
     Refused(Refusal),
     /// It was stopped on its way.
@@ -33,6 +38,11 @@ impl std::fmt::Display for Verdict {
         match self {
             Self::Retracted => f.write_str("retracted"),
             Self::AtStart => f.write_str("already at the start: nothing to withdraw"),
+            Self::TipInside { depth_mm } => write!(
+                f,
+                "the base is back where it began, the tip is still {depth_mm:.0} mm below the surface: \
+                 the needle is bent, broken or loose in its holder; leave the arm, free it by hand"
+            ),
             Self::Refused(reason) => write!(f, "withdrawal refused: {reason}"),
             Self::Stopped(reason) => write!(f, "withdrawal stopped: {reason}"),
             Self::Interrupted => f.write_str("interrupted"),

@@ -60,9 +60,15 @@ impl RodPlant {
         }
         truth.needle.world_from_tip = Transform::assume(self.world_from_phantom * tip);
         truth.world_from_base = *world_from_base;
-        truth.base_wrench.force = rotation * self.rod.clamp_force();
-        truth.base_wrench.moment =
-            rotation * (self.rod.bending_moment(0) - self.rod.clamp * self.rod.torque[0]);
+        let out_of_balance = |event: &Event| matches!(event, Event::Unconverged { .. });
+        let balanced = !truth.events.iter().any(out_of_balance);
+        // Forces of a shape out of balance are none, and would throw a compliant holder away for good:
+        // the last ones stay.
+        if balanced {
+            truth.base_wrench.force = rotation * self.rod.clamp_force();
+            truth.base_wrench.moment =
+                rotation * (self.rod.bending_moment(0) - self.rod.clamp * self.rod.torque[0]);
+        }
         truth.torsion = self.twist.tip_angle();
         truth.tip_force = rotation * self.contact.tip_force;
         truth.depth = self.contact.edge.arc;
@@ -73,7 +79,7 @@ impl RodPlant {
         } else {
             truth.depth = 0.0;
         }
-        self.publish_stretch();
+        self.publish_stretch(balanced);
     }
 
     /// Material x axis at the tip of the shape as it is now.
@@ -89,7 +95,7 @@ impl RodPlant {
         carried * cos + direction.cross(&carried) * sin
     }
 
-    fn publish_stretch(&mut self) {
+    fn publish_stretch(&mut self, balanced: bool) {
         let contact = &self.contact;
         let (mut sum, mut length, mut largest) = (0.0, 0.0, 0.0f64);
         for (u, w) in contact.displacement.iter().zip(&contact.weight) {
@@ -109,14 +115,59 @@ impl RodPlant {
         if first <= edges && contact.weight[first] > 0.0 {
             truth.needle.entry_arc = first as f64 * spacing - contact.feet[first].arc;
             truth.entry_stretch = contact.displacement[first].norm();
-            let tissue = self.rod.clamp_force();
-            let axis = self.rod.direction(first.min(edges - 1));
-            let across = -(tissue - axis * axis.dot(&tissue));
-            truth.entry_force = self.world_from_phantom.rotation * across;
+            if balanced {
+                let tissue = self.rod.clamp_force();
+                let axis = self.rod.direction(first.min(edges - 1));
+                let across = -(tissue - axis * axis.dot(&tissue));
+                truth.entry_force = self.world_from_phantom.rotation * across;
+            }
         } else {
             truth.needle.entry_arc = edges as f64 * spacing;
             truth.entry_stretch = 0.0;
             truth.entry_force = Vector3::zeros();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::default_setup;
+    use crate::plant::Plant;
+    use crate::settings::Settings;
+
+    /// A holder that yields to forces which no needle exerts is thrown away, and stays there: every
+    /// further pose is refused.
+    #[test]
+    fn forces_of_a_shape_out_of_balance_reach_nobody() {
+        let settings = Settings::preset("paper").unwrap();
+        let setup = default_setup(&settings, 1);
+        let mut plant = RodPlant::new(
+            &settings,
+            &setup.world_from_phantom,
+            &setup.world_from_base,
+            1,
+        )
+        .unwrap();
+        let start = *setup.world_from_base.isometry();
+        for k in 1..=300_u32 {
+            let depth = 1e-4 * f64::from(k);
+            let pose = start * Isometry3::translation(0.05 * depth, 0.0, depth);
+            plant.advance(
+                &Transform::assume(pose),
+                Stamp::from_secs(f64::from(k) / 30.0),
+            );
+        }
+        let before = plant.truth().clone();
+        assert!(before.base_wrench.force.norm() > 1e-3 && before.entry_force.norm() > 1e-3);
+        plant.rod.load.fill(Vector3::from_element(1e9));
+        plant.truth.events = vec![Event::Unconverged {
+            last_step_m: 1.0,
+            held: true,
+        }];
+        let base = before.world_from_base;
+        plant.publish(before.stamp, &base);
+        assert_eq!(plant.truth().base_wrench, before.base_wrench);
+        assert_eq!(plant.truth().entry_force, before.entry_force);
     }
 }

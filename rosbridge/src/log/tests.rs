@@ -70,6 +70,7 @@ fn telemetry(step: u64) -> Telemetry {
             iterations: 9,
             residual: 1e-12,
             shaft_off: 0.0,
+            path_off: 0.0,
         },
         truth: step.is_multiple_of(2).then(|| TruthReport {
             stamp: Stamp::from_nanos(step * 11),
