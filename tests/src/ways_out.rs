@@ -106,7 +106,7 @@ static KINDS: [Kind; 15] = [
     ),
     kind(
         "a bound",
-        "tissue stretched by",
+        "stretched",
         &[
             "supervisor.tissue_stretch_mm=0.4",
             "limits.entry_stretch_mm=0.4",
