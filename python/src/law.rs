@@ -49,15 +49,15 @@ pub(crate) struct LawView {
     base: Isometry3<f64>,
     springs: Option<Springs>,
     shape: Vec<Vector3<f64>>,
-    predicted_miss: Vector3<f64>,
+    /// As it was at the step: predictions are made when a law asks for them.
+    estimator: Estimator,
     roll_travel: RollTravel,
     limits: Limits,
 }
 
 impl LawView {
-    fn new(view: &View<'_>, rollout: &mut Rollout) -> Self {
+    fn new(view: &View<'_>) -> Self {
         let estimator: &Estimator = view.estimator;
-        estimator.rollout(&view.target.position, rollout);
         Self {
             time: view.time.as_secs(),
             dt: view.dt,
@@ -75,7 +75,7 @@ impl LawView {
             base: view.world_from_base,
             springs: view.springs,
             shape: view.shape.to_vec(),
-            predicted_miss: estimator.lateral(&rollout.miss),
+            estimator: estimator.clone(),
             roll_travel: view.roll_travel,
             limits: view.limits.clone(),
         }
@@ -212,7 +212,9 @@ impl LawView {
     /// (3,) [m].
     #[getter]
     fn predicted_miss<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        vector(py, self.predicted_miss.as_slice())
+        let mut rollout = Rollout::new();
+        self.estimator.rollout(&self.target.into(), &mut rollout);
+        vector(py, self.estimator.lateral(&rollout.miss).as_slice())
     }
 
     /// Travel left for spinning in the negative and in the positive sense (2,), both positive [rad].
@@ -254,7 +256,6 @@ pub(crate) struct OwnLaw {
     object: Py<PyAny>,
     name: String,
     resets: bool,
-    rollout: Rollout,
     failure: Failure,
 }
 
@@ -275,13 +276,12 @@ impl OwnLaw {
             object: object.clone().unbind(),
             name,
             resets: object.hasattr("reset")?,
-            rollout: Rollout::new(),
             failure,
         })
     }
 
     fn ask(&mut self, view: &View<'_>) -> PyResult<Twist> {
-        let seen = LawView::new(view, &mut self.rollout);
+        let seen = LawView::new(view);
         Python::attach(|py| {
             let answer = self.object.bind(py).call_method1("decide", (seen,))?;
             let what = format!("law {}: decide's base twist [m/s, rad/s]", self.name);

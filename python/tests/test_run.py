@@ -194,7 +194,9 @@ def test_the_interpreter_is_free_meanwhile(quick):
 
 def test_ctrl_c_stops_the_run_and_is_raised(tmp_path):
     program = (
-        "import needle_steer as ns, sys\n"
+        "import needle_steer as ns, signal, sys\n"
+        # Whoever starts the tests in the background may have left it ignored.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "class Meter:\n"
         "    def update(self, n): print('under way', flush=True)\n"
         "    def close(self): pass\n"
