@@ -215,6 +215,8 @@ impl Labelled {
         let squares = white_squares(&wider).map(|(_, to_image)| to_image);
         let plain = painted(image, squares, self.ratio);
         let at = |k: usize| self.corners.get(k).copied().flatten();
+        // Between a corner and the marker of a square beside it.
+        let gap = 0.5 * (1.0 - self.ratio);
         let largest =
             options.max_half_width as f64 * (image.width() as f64 / WINDOW_WIDTH).max(1.0);
         let refine = |k: usize| {
@@ -237,9 +239,16 @@ impl Labelled {
                 clippy::cast_sign_loss,
                 reason = "a part of a distance within the image"
             )]
-            let half = (spacing / 4.0).min(largest) as usize;
-            refine_corner(&plain, corner, half, options.max_iterations)
-                .filter(|better| (better - corner).norm() < NEAR * spacing)
+            let halves = [spacing / 4.0, gap * spacing].map(|half| half.min(largest) as usize);
+            let [wide, narrow] =
+                halves.map(|half| refine_corner(&plain, corner, half, options.max_iterations));
+            // Squares that the border cuts are painted where lines lead: what is left of a marker
+            // draws the crossing in the wide window, while the narrow one holds nothing of it.
+            let drawn = wide.zip(narrow).is_some_and(|(wide, narrow)| {
+                (wide - narrow).norm() > (DRAWN * gap * spacing).max(LEAST_DRAWN)
+            });
+            let better = if drawn { narrow } else { wide };
+            better.filter(|better| (better - corner).norm() < NEAR * spacing)
         };
         (0..size.count()).map(refine).collect()
     }
@@ -247,6 +256,10 @@ impl Labelled {
 
 /// Least distance of a corner to the image's border, in parts of the spacing.
 const BORDER: f64 = 0.5;
+/// Difference between the crossings of a wide and a narrow window beyond which a marker is in the
+/// wide one: in parts of the gap between corner and marker, and what noise makes of it \[px\].
+const DRAWN: f64 = 0.2;
+const LEAST_DRAWN: f64 = 0.5;
 /// Part of the spacing by which a corner may move when it is refined.
 const NEAR: f64 = 0.15;
 
