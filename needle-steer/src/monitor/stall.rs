@@ -50,7 +50,7 @@ pub struct Stall {
     tip: f64,
     finding: Option<Stalled>,
     /// Where a stall began that is not overcome yet, and where the base was when it was found last \[m\].
-    stall: Option<(Sample, f64)>,
+    lasting: Option<(Sample, f64)>,
 }
 
 impl Stall {
@@ -102,7 +102,7 @@ impl Stall {
         let over = |(begun, found): (Sample, f64)| {
             now.base < begun.base + 0.5 * WINDOW || now.base > found + WINDOW
         };
-        self.stall = self.stall.filter(|stall| !over(*stall));
+        self.lasting = self.lasting.filter(|stall| !over(*stall));
         let share = if self.finding.is_some() {
             FOLLOWS
         } else {
@@ -111,9 +111,9 @@ impl Stall {
         let stays = |then: &Sample| now.tip - then.tip < share * (now.base - then.base);
         let window = |then: &&Sample| then.base <= now.base - WINDOW;
         let recent = self.samples.iter().rev().find(window).copied();
-        let lasting = self.stall.map(|(begun, _)| begun);
+        let lasting = self.lasting.map(|(begun, _)| begun);
         let before = lasting.into_iter().chain(recent).find(stays)?;
-        self.stall = Some((lasting.unwrap_or(before), now.base));
+        self.lasting = Some((lasting.unwrap_or(before), now.base));
         Some(Stalled {
             base_m: now.base - before.base,
             tip_m: now.tip - before.tip,
