@@ -56,7 +56,14 @@ fn rosmsg_and_rostopic_know_the_messages() {
     );
     assert!(echoed.contains("predicted_miss: "), "{echoed}");
     // Debian has no folder at its default ROS_ROOT, which roswtf counts as an error.
-    let findings = tool(&master, "roswtf", &[], &[("ROS_ROOT", "/usr/share")]);
+    let root = master.home().join("ros");
+    std::fs::create_dir_all(&root).unwrap();
+    let findings = tool(
+        &master,
+        "roswtf",
+        &[],
+        &[("ROS_ROOT", root.to_str().unwrap())],
+    );
     assert!(!findings.contains("ERROR"), "{findings}");
 }
 

@@ -6,6 +6,7 @@
 )]
 
 mod begin;
+mod doubt;
 mod flaw;
 
 pub(super) use begin::Seen;
@@ -18,10 +19,11 @@ use nalgebra::Vector2;
 
 use super::background::Background;
 use super::curve::{Curve2, Weights, normal, weights, weights_and_slopes};
-use super::filter::{Change, CurveFilter, Offset, Solution, State};
+use super::filter::{Change, CurveFilter, Offset, Solution};
 use super::section::{Expected, Section, cross, samples};
 use super::settings::{Hints, TrackSettings, TrackSettingsError};
 use super::tip::{self, TipSearch};
+use doubt::{between, doubts, residual};
 
 /// Normals that must agree, as a share of all and at least.
 const SURVIVORS: (f64, usize) = (0.35, 8);
@@ -66,9 +68,6 @@ struct Normal {
     direction: Vector2<f64>,
     expected: Expected,
 }
-
-/// Places along the curve at which its doubt is computed; in between it hardly differs.
-const DOUBTS: usize = 7;
 
 /// Tracks the needle in the images of one camera, in pixels; [`super::StereoTracker`] joins two.
 #[derive(Clone, Debug)]
@@ -486,33 +485,4 @@ impl ImageTracker {
         self.background
             .refresh(image, curve.tip() + tangent * ahead, half);
     }
-}
-
-/// Standard deviation of a predicted curve across itself, at equal parameters \[px\].
-fn doubts(filter: &CurveFilter, curve: &Curve2, count: usize) -> [f64; DOUBTS] {
-    core::array::from_fn(|k| {
-        let (row, slopes) = weights_and_slopes(count, k as f64 / (DOUBTS - 1) as f64);
-        let across = normal(&curve.sum(&slopes).normalize());
-        filter.variance(&row, &across).sqrt()
-    })
-}
-
-/// The larger of the two values around `t`.
-fn between(values: &[f64; DOUBTS], t: f64) -> f64 {
-    let k = (t * (DOUBTS - 1) as f64) as usize;
-    let at = |k: usize| values[k.min(DOUBTS - 1)];
-    at(k).max(at(k + 1))
-}
-
-/// Residual of a measurement after a change of the state, in standard deviations.
-fn residual(offset: &Offset, change: &State) -> f64 {
-    let moved = offset
-        .weights
-        .iter()
-        .enumerate()
-        .fold(0.0, |sum, (i, weight)| {
-            sum + weight
-                * (offset.direction.x * change[2 * i] + offset.direction.y * change[2 * i + 1])
-        });
-    (offset.value - moved) / offset.variance.sqrt()
 }
