@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use needle_steer::config::Config;
 use needle_steer::controls::Controls;
-use needle_steer::identify::{self, Recording, is_for_tip};
+use needle_steer::identify::{self, Findings, Recording};
 use needle_steer::reproduction::{Document, Request, one};
 use needle_steer::{experiments, report};
 use pyo3::prelude::*;
@@ -33,20 +33,9 @@ pub(crate) fn estimate<'py>(
     let given = config_of(config, set, &[])?;
     let (found, applied) = interruptible(py, &Controls::default(), || {
         let recordings = read(&files, &given)?;
-        if is_for_tip(&recordings) {
-            let found = identify::identify_tip(&recordings).map_err(input)?;
-            let applied = found.apply(&given);
-            return Ok::<_, PyErr>((serde_json::to_value(&found).map_err(failed)?, applied));
-        }
-        let found = identify::identify(&recordings).map_err(input)?;
-        let base = match recordings.first() {
-            Some(first) if !is_given => &first.config,
-            _ => &given,
-        };
-        Ok((
-            serde_json::to_value(&found).map_err(failed)?,
-            found.apply(base),
-        ))
+        let found = Findings::of(&recordings).map_err(input)?;
+        let applied = found.apply(&given, is_given, &recordings);
+        Ok::<_, PyErr>((serde_json::to_value(&found).map_err(failed)?, applied))
     })??;
     Ok((document(py, &found)?, document(py, &applied)?))
 }

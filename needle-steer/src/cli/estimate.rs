@@ -8,9 +8,7 @@ use clap::Args;
 
 use super::{Usage, print_json};
 use crate::config::{self, Config};
-use crate::identify::{
-    Identified, Interval, Parameter, Recording, TipIdentified, identify, identify_tip, is_for_tip,
-};
+use crate::identify::{Findings, Identified, Interval, Parameter, Recording, TipIdentified};
 use crate::results::{check_free, save};
 
 /// Stiffness, tip load and natural curvature of one's own needle from recorded insertions.
@@ -43,36 +41,15 @@ pub(super) fn execute(args: &EstimateArgs) -> anyhow::Result<ExitCode> {
                 .map_err(|e| Usage(format!("{:#}", anyhow::Error::from(e))))
         })
         .collect::<Result<_, _>>()?;
-    if is_for_tip(&recordings) {
-        let found = identify_tip(&recordings).map_err(|e| Usage(e.to_string()))?;
-        let printed = if args.json {
-            print_json(&found)
-        } else {
-            print_tip(&found).map_err(anyhow::Error::from)
-        };
-        if let Some(out) = &args.out {
-            let head = (found.recordings, found.measurements);
-            write_config(out, &found.apply(&given), head)?;
-            if !args.json {
-                writeln!(std::io::stdout(), "configuration: {}", out.display())?;
-            }
-        }
-        printed?;
-        return Ok(ExitCode::SUCCESS);
-    }
-    let found = identify(&recordings).map_err(|e| Usage(e.to_string()))?;
-    let printed = if args.json {
-        print_json(&found)
-    } else {
-        print_text(&found).map_err(anyhow::Error::from)
+    let found = Findings::of(&recordings).map_err(|e| Usage(e.to_string()))?;
+    let printed = match &found {
+        _ if args.json => print_json(&found),
+        Findings::Needle(found) => print_text(found).map_err(anyhow::Error::from),
+        Findings::Tip(found) => print_tip(found).map_err(anyhow::Error::from),
     };
     if let Some(out) = &args.out {
-        let base = match (&args.config, recordings.first()) {
-            (None, Some(first)) => &first.config,
-            _ => &given,
-        };
-        let head = (found.recordings, found.measurements);
-        write_config(out, &found.apply(base), head)?;
+        let applied = found.apply(&given, args.config.is_some(), &recordings);
+        write_config(out, &applied, found.counts())?;
         if !args.json {
             writeln!(std::io::stdout(), "configuration: {}", out.display())?;
         }

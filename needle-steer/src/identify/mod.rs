@@ -8,6 +8,7 @@
 mod bed;
 mod column;
 mod csv;
+mod findings;
 pub mod fit;
 pub mod guided;
 pub mod recording;
@@ -18,6 +19,7 @@ mod text;
 mod tip_load;
 pub mod validate;
 
+pub use findings::Findings;
 pub use fit::{Identified, IdentifyError, Parameter, identify};
 pub use guided::{Interval, TipIdentified, identify_tip, is_for_tip};
 pub use recording::{Recorder, Recording, RecordingError, Seen, Support};
