@@ -279,8 +279,11 @@ mod tests {
         }
     }
 
-    fn plant(curvature: f64, points: u32) -> (GivenPlant, Transform<World, NeedleBase>) {
-        let start = Transform::assume(Isometry3::translation(0.0, 0.0, -0.1));
+    fn start() -> Transform<World, NeedleBase> {
+        Transform::assume(Isometry3::translation(0.0, 0.0, -0.1))
+    }
+
+    fn try_plant(curvature: f64, points: u32) -> Option<GivenPlant> {
         let source = Arc {
             base: Isometry3::identity(),
             curvature,
@@ -288,8 +291,17 @@ mod tests {
             broken: false,
         };
         let settings = Settings::default();
-        let made = GivenPlant::new(&settings, &Isometry3::identity(), &start, Box::new(source));
-        (made.unwrap(), start)
+        GivenPlant::new(
+            &settings,
+            &Isometry3::identity(),
+            &start(),
+            Box::new(source),
+        )
+        .ok()
+    }
+
+    fn plant(curvature: f64, points: u32) -> (GivenPlant, Transform<World, NeedleBase>) {
+        (try_plant(curvature, points).unwrap(), start())
     }
 
     #[test]
@@ -315,16 +327,7 @@ mod tests {
     #[test]
     fn what_is_no_shape_is_an_event_and_changes_nothing() {
         for (curvature, points) in [(f64::NAN, 10), (0.0, 0)] {
-            let start = Transform::assume(Isometry3::translation(0.0, 0.0, -0.1));
-            let source = Arc {
-                base: Isometry3::identity(),
-                curvature,
-                points,
-                broken: false,
-            };
-            let settings = Settings::default();
-            let made = GivenPlant::new(&settings, &Isometry3::identity(), &start, Box::new(source));
-            assert!(made.is_err());
+            assert!(try_plant(curvature, points).is_none());
         }
         let (mut plant, start) = plant(0.0, 1);
         let before = plant.truth().needle.centreline.clone();

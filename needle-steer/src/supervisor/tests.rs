@@ -157,13 +157,10 @@ fn watchdogs_hold_before_they_stop() {
     ));
 }
 
-/// The cause of the stop by a model's largest stretch, with the measured shaft so far beside the
-/// model's.
-fn cause_of_stretch(stretch: f64, off: f64) -> Option<Cause> {
+/// The cause of the stop, if any, where half a second long `seen` and the evidence of each instant are
+/// judged.
+fn cause_of(seen: &Telemetry, evidence: impl Fn(Stamp) -> Evidence) -> Option<Cause> {
     let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
-    let mut seen = telemetry();
-    seen.model.max_stretch = stretch;
-    seen.model.shaft_off = off;
     let mut last = Verdict::Go;
     for k in 0..30 {
         let now = Stamp::from_secs(0.016 * f64::from(k));
@@ -172,12 +169,21 @@ fn cause_of_stretch(stretch: f64, off: f64) -> Option<Cause> {
             stamp: now,
             ..state()
         };
-        last = supervisor.judge(now, &arm, &seen, &Evidence::default());
+        last = supervisor.judge(now, &arm, seen, &evidence(now));
     }
     match last {
         Verdict::Stop(reason) => Some(reason.cause()),
         _ => None,
     }
+}
+
+/// The cause of the stop by a model's largest stretch, with the measured shaft so far beside the
+/// model's.
+fn cause_of_stretch(stretch: f64, off: f64) -> Option<Cause> {
+    let mut seen = telemetry();
+    seen.model.max_stretch = stretch;
+    seen.model.shaft_off = off;
+    cause_of(&seen, |_| Evidence::default())
 }
 
 #[test]
@@ -193,29 +199,14 @@ fn a_stretch_that_the_measured_shaft_contradicts_is_the_models_fault() {
 /// What a measured shaft so far beside its path comes to, in tissue that was seen to move by `motion`
 /// and with a model that has `failed` or has not.
 fn cause_beside(off: f64, motion: f64, failed: bool) -> Option<Cause> {
-    let mut supervisor = Supervisor::new(bounds(), Stamp::ZERO);
     let mut seen = telemetry();
     seen.model.path_off = off;
-    let mut last = Verdict::Go;
-    for k in 0..30 {
-        let now = Stamp::from_secs(0.016 * f64::from(k));
-        supervisor.image(now, None);
-        let arm = ArmState {
-            stamp: now,
-            ..state()
-        };
-        let evidence = Evidence {
-            tissue_motion: (motion > 0.0).then_some(motion),
-            largest_tissue_motion: motion,
-            model: failed.then(|| (now, String::new())),
-            ..Evidence::default()
-        };
-        last = supervisor.judge(now, &arm, &seen, &evidence);
-    }
-    match last {
-        Verdict::Stop(reason) => Some(reason.cause()),
-        _ => None,
-    }
+    cause_of(&seen, |now| Evidence {
+        tissue_motion: (motion > 0.0).then_some(motion),
+        largest_tissue_motion: motion,
+        model: failed.then(|| (now, String::new())),
+        ..Evidence::default()
+    })
 }
 
 #[test]

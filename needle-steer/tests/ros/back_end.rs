@@ -1,10 +1,10 @@
 //! Two processes through a master: the emulated laboratory and the controller.
 
-use std::io::{BufRead, BufReader, Read};
+use std::io::Read;
 use std::time::Duration;
 
 use crate::master::Master;
-use crate::{alone, nodes, signal, start};
+use crate::{alone, nodes, ready, signal, start};
 
 /// On the wall clock, at the time's own pace; interrupted on the way.
 #[test]
@@ -14,10 +14,7 @@ fn the_controller_moves_an_arm_in_another_process() {
     };
     let _alone = alone();
     let mut laboratory = start(&master, &["emulate", "ros"]);
-    let mut ready = String::new();
-    let mut lines = BufReader::new(laboratory.0.stdout.take().unwrap());
-    lines.read_line(&mut ready).unwrap();
-    assert_eq!(ready, "ready\n");
+    let _said = ready(&mut laboratory);
     let out = master.home().join("back-end");
     // How soon silence is a fault has its own tests; here a busy machine must not fail.
     let arguments = [

@@ -22,8 +22,9 @@ mod targets;
 mod velocity_arm;
 mod withdraw;
 
+use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::Duration;
 
@@ -58,6 +59,16 @@ fn start_run(master: &Master, more: &[&str], out: &Path) -> Running {
     let run = ["run", "--sensor", "shape", "--set", "ros.publish=true"];
     let out = ["--out", out.to_str().unwrap()];
     start(master, &[&run[..], more, &out[..]].concat())
+}
+
+/// Waits until a process says that it is ready, in its first line. What it says later is in what comes
+/// back; nobody would hear it if that were dropped.
+fn ready(process: &mut Running) -> BufReader<ChildStdout> {
+    let mut line = String::new();
+    let mut lines = BufReader::new(process.0.stdout.take().unwrap());
+    lines.read_line(&mut line).unwrap();
+    assert_eq!(line, "ready\n");
+    lines
 }
 
 fn wait_for_node(master: &Master, name: &str) {

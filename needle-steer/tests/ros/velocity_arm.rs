@@ -6,7 +6,7 @@ use std::process::{ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
 use crate::master::{Master, Running, wait_until};
-use crate::{BINARY, among_others, call, nodes, start};
+use crate::{BINARY, among_others, call, nodes, ready, start};
 
 /// Topic between the program and the relay.
 const BEHIND: &str = "joint_group_velocity_controller/command:=needle_steer/velocities";
@@ -245,10 +245,7 @@ fn the_relay_stops_an_arm_whose_program_was_killed() {
     let _others = among_others();
     let mut arm = VelocityArm::start(&master, place());
     let mut relay = start(&master, &["relay"]);
-    let mut ready = String::new();
-    let mut lines = BufReader::new(relay.0.stdout.take().unwrap());
-    lines.read_line(&mut ready).unwrap();
-    assert_eq!(ready, "ready\n");
+    let _said = ready(&mut relay);
     let mut run = waiting(&master, &[BEHIND]);
     let lifts = "import rospy\nfrom geometry_msgs.msg import TwistStamped\n\
          rospy.init_node('hand', disable_signals=True)\n\

@@ -1,12 +1,11 @@
 //! The way out over ROS: after a stop in the node that stays, and after a node that was killed.
 
-use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use crate::master::{Master, Running, wait_until};
-use crate::{BINARY, alone, among_others, call, nodes, phase, signal, start, start_run};
+use crate::{BINARY, alone, among_others, call, nodes, phase, ready, signal, start, start_run};
 
 fn ended(summary: &Path) -> String {
     let text = std::fs::read_to_string(summary).unwrap_or_default();
@@ -89,10 +88,7 @@ fn an_arm_behind_ros_is_withdrawn_by_its_log_after_kills_lost_links_and_full_dis
     };
     let _alone = alone();
     let mut laboratory = start(&master, &["emulate", "ros", "--set", "run.sensor=shape"]);
-    let mut ready = String::new();
-    let mut lines = BufReader::new(laboratory.0.stdout.take().unwrap());
-    lines.read_line(&mut ready).unwrap();
-    assert_eq!(ready, "ready\n");
+    let _said = ready(&mut laboratory);
     for stop in ["kill", "rosnode", "link", "disk"] {
         let out = master.home().join(stop);
         let mut run = inserting(&master, &out, (stop == "disk").then_some(500));
