@@ -3,11 +3,11 @@
 //! Read [`cycle`] first: one step from measurements to joint rates. [`run`](mod@run) moves an arm
 //! with it, [`rig`] assembles the devices that a [`config`] asks for, [`world`] is the simulated
 //! one ([`twin`] puts the controller's own model in the phantom's place), [`ros`] the way to topics,
-//! [`supervisor`] stops what must not go on. [`experiments`], [`comparison`], [`robustness`],
+//! [`remote`] to OpenIGTLink; a [`session`] answers what they ask. [`supervisor`] stops what must not go on. [`experiments`], [`comparison`], [`robustness`],
 //! [`env`](mod@env) and [`cli`] sit on top.
 //!
 //! **Architecture invariant:** only [`run`](mod@run) and, while no insertion is under way,
-//! [`ros`] write to an arm, and every way out of them stops the arm.
+//! [`session`] write to an arm, and every way out of them stops the arm.
 
 pub mod cycle;
 mod tissue;
@@ -27,6 +27,8 @@ pub mod host;
 pub mod world;
 pub mod score;
 pub mod ros;
+pub mod remote;
+pub mod session;
 pub mod cameras;
 pub mod twin;
 pub mod clock;

@@ -11,9 +11,10 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use hal::request::{Command, Request};
 use hal::{Arm, ArmMode, ArmState, Error, ErrorKind, Joints, RateCommand, Stamp, StereoFrame};
 
-use crate::bridge::{CameraModel, CameraOutlet, Command, Received, Request, Requests};
+use crate::bridge::{CameraModel, CameraOutlet, Received, Requests};
 pub use lab::{LabNode, Seen};
 
 use crate::motion::{Hand, ToRates};

@@ -23,8 +23,9 @@ use crate::outcome::{Ended, Summary};
 use crate::record::{Recorder, write_results};
 use crate::results::RunFolder;
 use crate::rig::{self, Pace, Rig, RigBuildError};
-use crate::ros::{self, Leave, Link, Session};
+use crate::ros::{self, Link};
 use crate::run::{Insertion, Observer};
+use crate::session::{self, Leave, Session};
 
 /// What a dry run does.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -68,6 +69,16 @@ pub(super) struct RunArgs {
         default_missing_value = "checks"
     )]
     dry_run: Option<DryRun>,
+    /// Serve the run over OpenIGTLink: for 3D Slicer, PLUS; at this address and port, or the
+    /// configuration's (igtl.address).
+    #[arg(
+        long,
+        value_name = "ADDRESS",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = ""
+    )]
+    igtl: Option<String>,
     /// Folder for the results, made if missing; by default the next free `out/NNN-LAW-PHANTOM-SEED`.
     #[arg(long)]
     out: Option<PathBuf>,
@@ -91,6 +102,12 @@ impl RunArgs {
                     .as_ref()
                     .map(|value| format!("{key}={}", config::quoted(value))),
             );
+        }
+        if let Some(address) = &self.igtl {
+            overrides.push("igtl.serve=true".into());
+            if !address.is_empty() {
+                overrides.push(format!("igtl.address={}", config::quoted(address)));
+            }
         }
         overrides.extend(self.seed.map(|seed| format!("run.seed={seed}")));
         overrides.extend(self.dry_run.map(|how| match how {
@@ -121,13 +138,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         let margins = super::check::margins(&config, &rig.bearings.chain, &rig.course);
         writeln!(std::io::stderr(), "joints {joints} deg\narm: {margins}")?;
     }
-    let mut session = match &link {
-        Some(link) if config.ros.publish => Some(Session::new(&config, link, &rig, &controls)?),
-        _ => None,
-    };
+    let mut session = Session::open(&config, link.as_ref(), &rig, &controls)?;
     if let Some(session) = &mut session
-        && ros::waits(&config, &mut rig, session)
-        && ros::wait(&config, &mut rig, session, &controls)? == Leave::Quit
+        && session.waits(&config, &mut rig)
+        && session::wait(&config, &mut rig, session, &controls)? == Leave::Quit
     {
         return Ok(ExitCode::from(1));
     }
@@ -154,7 +168,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     });
     if let Some(session) = &mut watcher.session {
         session.show_end(&summary.ended);
-        if let (true, Some(why)) = (config.ros.stay, controls.why_interrupted()) {
+        if let (true, Some(why)) = (config.stays(), controls.why_interrupted()) {
             let log = summary.log.as_deref().unwrap_or("LOG");
             writeln!(
                 std::io::stderr(),
@@ -162,8 +176,8 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
                  it held the arm no other could; `needle-steer withdraw {log}` takes the needle out"
             )?;
         }
-        if config.ros.stay {
-            ros::stay(&config, &mut insertion, session, &controls)?;
+        if config.stays() {
+            session.stay(&config, &mut insertion, &controls)?;
         }
     }
     printed?;
@@ -176,9 +190,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// Somebody who holds a switch does so on the wall clock: a simulated world keeps step with it.
+/// Somebody who holds a switch or watches does so on the wall clock: a simulated world keeps step
+/// with it.
 fn build(config: &Config, link: Option<&Link>) -> Result<Rig, RigBuildError> {
-    let by_hand = config.supervisor.dead_man_ms > 0.0;
+    let by_hand = config.supervisor.dead_man_ms > 0.0 || config.is_watched();
     if by_hand && link.is_none() && !config.is_real() {
         Rig::simulated(config, Pace::Paced(WallTime::start()))
     } else {

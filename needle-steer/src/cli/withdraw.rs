@@ -16,7 +16,8 @@ use crate::host::degrees;
 use crate::observer::{Observer, Unobserved};
 use crate::results::check_free;
 use crate::rig::Rig;
-use crate::ros::{self, Link, Session};
+use crate::ros::{self, Link};
+use crate::session::Session;
 use crate::withdrawal::{self, Record, Recording, Request, Summary};
 
 /// The needle out of the tissue: the base goes back along the recorded path, whatever stopped the
@@ -54,6 +55,8 @@ pub(super) fn execute(args: &WithdrawArgs) -> anyhow::Result<ExitCode> {
     let rebuilt = lives_in_its_process(&config);
     // What is simulated is told by its log alone.
     config.ros.publish &= !rebuilt;
+    // An address that is taken is no reason to leave the needle in.
+    config.igtl.serve = false;
     ros::choose_master(&config)?;
     let controls = interrupt_flag()?;
     let link = Link::new(&config)?;
@@ -62,10 +65,7 @@ pub(super) fn execute(args: &WithdrawArgs) -> anyhow::Result<ExitCode> {
     } else {
         Rig::arm_only(&config, link.as_ref())?
     };
-    let mut session = match &link {
-        Some(link) if config.ros.publish => Some(Session::new(&config, link, &rig, &controls)?),
-        _ => None,
-    };
+    let mut session = Session::open(&config, link.as_ref(), &rig, &controls)?;
     controls.ask(Wish::Retract);
     let log = Some(args.log.as_path());
     let record = if let Some(out) = &args.out {

@@ -49,6 +49,7 @@ impl Config {
         self.validate_estimator()?;
         self.validate_arm()?;
         self.validate_ros()?;
+        self.validate_igtl()?;
         self.validate_limits()?;
         self.validate_law_limits()
     }
@@ -349,6 +350,21 @@ impl Config {
         Err(Invalid {
             key: "ros.uri".into(),
             problem: format!("expected http://HOST:PORT/, found `{}`", ros.uri),
+        })
+    }
+
+    fn validate_igtl(&self) -> Result<(), Invalid> {
+        let igtl = &self.igtl;
+        within("igtl.poses_hz", igtl.poses_hz, 0.1, 200.0)?;
+        within("igtl.lines_hz", igtl.lines_hz, 0.1, 200.0)?;
+        within("igtl.images_hz", igtl.images_hz, 0.1, 100.0)?;
+        let name = &igtl.target_device;
+        if (1..=20).contains(&name.len()) && name.chars().all(|c| c.is_ascii_graphic()) {
+            return Ok(());
+        }
+        Err(Invalid {
+            key: "igtl.target_device".into(),
+            problem: format!("expected 1 to 20 letters, digits and signs, found `{name}`"),
         })
     }
 

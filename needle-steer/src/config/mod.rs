@@ -3,6 +3,7 @@
 //! The commented defaults are in `default.toml`, which a test holds against [`Config::default`].
 
 mod check;
+mod igtl;
 mod load;
 mod ros;
 mod supervisor;
@@ -13,6 +14,7 @@ use hal::guarded::Workspace;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
+pub use igtl::{Igtl, IgtlCoordinates, IgtlVersion, UnknownVersion};
 pub use load::{Base, ConfigError, Origin, assemble, load, parse, quoted};
 pub use ros::{Ros, RosClock};
 pub use supervisor::Supervisor;
@@ -52,6 +54,8 @@ pub struct Config {
     pub viper: Viper,
     /// ROS 1: telemetry, services, and the back end `ros`.
     pub ros: Ros,
+    /// OpenIGTLink: what is shown, and what is asked.
+    pub igtl: Igtl,
     /// Limits that every law keeps.
     pub limits: hybrid_control::Limits,
     /// The estimator of path, bevel, disturbance and stiffness.
@@ -90,6 +94,27 @@ impl Config {
             Backend::Viper => !self.viper.emulate,
             Backend::Ros => self.ros.clock == RosClock::Wall,
         }
+    }
+
+    /// Whether an insertion starts by itself: no connection that is asked for wants to be waited for.
+    pub const fn autostarts(&self) -> bool {
+        (self.ros.autostart || !self.has_node()) && (self.igtl.autostart || !self.igtl.serve)
+    }
+
+    /// Whether a connection stays up after the insertion.
+    pub const fn stays(&self) -> bool {
+        self.has_node() && self.ros.stay || self.igtl.serve && self.igtl.stay
+    }
+
+    /// Whether the run is shown on topics.
+    const fn has_node(&self) -> bool {
+        self.ros.publish
+    }
+
+    /// Whether somebody outside of ROS watches, for whom a simulated world keeps step with the wall
+    /// clock.
+    pub const fn is_watched(&self) -> bool {
+        self.igtl.serve
     }
 
     /// Whether nothing is inserted into anything.

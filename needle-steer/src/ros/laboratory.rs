@@ -10,8 +10,8 @@ use rosbridge::TimeBase;
 use rosbridge::emulator::{ArmNode, LabNode, Seen};
 
 use super::Link;
-use super::idle::to_rates;
-use super::session::camera_models;
+use super::door::camera_models;
+use super::to_rates;
 use crate::config::{Backend, Config, RosClock};
 use crate::controls::Controls;
 use crate::rig::{Pace, Rig, RigBuildError, Sighting};

@@ -1,15 +1,14 @@
-//! ROS 1 at the edge of a run: the node, telemetry and requests, the back end `ros`, and the
+//! ROS 1 at the edge of a run: the node, topics and services, the back end `ros`, and the
 //! emulated laboratory.
 //!
 //! Nothing here sits between a measurement and a command: the run hands snapshots over and looks
 //! for requests once an arm period, and neither waits.
 
-mod idle;
+mod door;
 mod laboratory;
-mod readiness;
+mod motion;
 mod relay;
 mod remote;
-mod session;
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -21,62 +20,22 @@ use rosbridge::cameras::{RosCameras, RosCamerasOptions};
 use rosbridge::laboratory::{Laboratory, RosShapes};
 use rosbridge::lockstep::Lockstep;
 use rosbridge::marker::RosMarker;
+use rosbridge::motion::Hand;
 use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
 
 use crate::clock::{WallClock, WallTime};
 use crate::config::{Backend, Config, RosClock, SensorKind, TargetKind};
-use crate::controls::{Controls, Wish};
-use crate::rig::{Eyes, MarkerEyes, Pace, Rig};
-use crate::run::{Insertion, RunError, check_target};
+use crate::controls::Controls;
+use crate::rig::{Eyes, MarkerEyes, Pace};
 
-pub use idle::{Leave, wait};
+pub(crate) use door::Door;
 pub use laboratory::{Watchdog, emulate, serve};
+pub(crate) use motion::to_rates;
 pub use relay::{RelayNodeError, relay};
 use remote::RemoteLaboratory;
-pub use session::Session;
 
 /// Wait for an emulated laboratory's first truth, on the wall clock: a real one has none.
 const TRUTH: Duration = Duration::from_secs(1);
-
-/// Whether the node waits before an insertion: for `~start` where it is not to start by itself, and
-/// for another target where that which it has is refused. The reason is said.
-pub fn waits(config: &Config, rig: &mut Rig, session: &Session) -> bool {
-    if !config.ros.autostart {
-        return true;
-    }
-    match check_target(config, rig, session.target) {
-        Err(refused @ RunError::Target(_)) if config.ros.stay && !config.run.dry_run => {
-            session.warn(&format!(
-                "{refused}; the insertion waits for another one (topic target), then for ~start"
-            ));
-            true
-        }
-        // The start itself says what else there is.
-        _ => false,
-    }
-}
-
-/// Keeps the node up after an insertion, for services and for who looks; until interrupted.
-///
-/// # Errors
-/// The arm fails.
-pub fn stay(
-    config: &Config,
-    insertion: &mut Insertion<'_>,
-    session: &mut Session,
-    controls: &Controls,
-) -> Result<(), RunError> {
-    loop {
-        let (rig, path) = (&mut *insertion.rig, &mut insertion.path);
-        if idle::linger(config, rig, session, controls, path)? == Leave::Quit {
-            return Ok(());
-        }
-        controls.renew();
-        controls.ask(Wish::Retract);
-        let summary = insertion.withdraw(config, session, controls);
-        session.show_withdrawn(&summary.ended);
-    }
-}
 
 /// Starts the program anew where the configuration names another master than the environment,
 /// which is where the ROS library looks.
@@ -211,6 +170,14 @@ impl Link {
     pub fn listen_to_dead_man(&self, controls: &Arc<Controls>) -> Result<(), NodeError> {
         let controls = Arc::clone(controls);
         rosbridge::dead_man::listen(&self.node, move || controls.refresh_dead_man())
+    }
+
+    /// Motion by hand over topics.
+    ///
+    /// # Errors
+    /// The master does not register them.
+    pub(crate) fn hand(&self, joint_names: &[String]) -> Result<Hand, NodeError> {
+        Hand::new(&self.node, joint_names)
     }
 
     /// The pace of a simulated world that the node shows.

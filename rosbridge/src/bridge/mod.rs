@@ -23,7 +23,6 @@
 
 mod cameras;
 mod diagnostics;
-mod overlay;
 mod publish;
 mod requests;
 
@@ -33,15 +32,14 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use hal::frame::{ArmBase, Flange, LeftCamera, NeedleBase, RightCamera, World};
-use hal::{ArmState, StereoFrame, Telemetry, Transform};
+use hal::request::Request;
+use hal::{ArmState, Overlay, StereoFrame, Telemetry, Transform};
 
 use crate::{Node, NodeError};
 
 pub use cameras::CameraModel;
 pub(crate) use cameras::CameraOutlet;
-pub use overlay::Overlay;
 use publish::Publisher;
-pub use requests::{Command, Request};
 pub(crate) use requests::{Received, Requests};
 
 /// Snapshots that may wait for the bridge's thread.
@@ -101,7 +99,7 @@ enum Item {
     Step(Arc<Telemetry>),
     Arm(ArmState),
     Stereo(StereoFrame),
-    Overlay(Overlay),
+    Overlay(Arc<Overlay>),
 }
 
 /// The run's side of the bridge. Dropping it ends its thread; topics stay until the node ends.
@@ -154,8 +152,8 @@ impl Bridge {
     }
 
     /// Publishes the left image with the tracked curve drawn in.
-    pub fn show_overlay(&self, overlay: Overlay) {
-        self.put(Item::Overlay(overlay));
+    pub fn show_overlay(&self, overlay: impl Into<Arc<Overlay>>) {
+        self.put(Item::Overlay(overlay.into()));
     }
 
     /// The next request that is not older than 100 ms; older ones are refused and skipped.

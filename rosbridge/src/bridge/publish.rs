@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use hal::frame::World;
-use hal::{ArmMode, ArmState, Joints, Stamp, Telemetry};
+use hal::frame::{Frame, LeftCamera, World};
+use hal::{ArmMode, ArmState, Joints, Overlay, Stamp, Telemetry};
 
 use super::cameras::CameraOutlet;
 use super::{BridgeOptions, Frames, Item, Rates, diagnostics};
@@ -194,8 +194,10 @@ impl Publisher {
             }
             Item::Overlay(overlay) => {
                 if self.overlay.subscribers() > 0 {
-                    self.overlay
-                        .send(overlay.message(self.node.clock().ros_stamp(overlay.image.stamp)));
+                    self.overlay.send(overlay_message(
+                        &overlay,
+                        self.node.clock().ros_stamp(overlay.image.stamp),
+                    ));
                 }
             }
         }
@@ -305,6 +307,21 @@ fn at(telemetry: &Telemetry, stamp: Stamp) -> Telemetry {
     Telemetry {
         stamp,
         ..telemetry.clone()
+    }
+}
+
+fn overlay_message(overlay: &Overlay, stamp: Stamp) -> sensor_msgs::Image {
+    let image = &overlay.image.image;
+    let [width, height] =
+        [image.width(), image.height()].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
+    sensor_msgs::Image {
+        header: convert::header(stamp, LeftCamera::NAME, overlay.image.sequence),
+        height,
+        width,
+        encoding: "rgb8".to_owned(),
+        is_bigendian: 0,
+        step: width.saturating_mul(3),
+        data: overlay.draw(),
     }
 }
 

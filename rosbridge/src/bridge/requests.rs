@@ -5,6 +5,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
 use hal::frame::{Frame, LeftCamera, World};
+use hal::request::{Command, Request, Verdict};
 use hal::{Position, Transform};
 use nalgebra::Vector3;
 
@@ -25,60 +26,6 @@ const QUEUE: usize = 16;
 const AGE_LIMIT: Duration = Duration::from_millis(100);
 /// Longest wait of a service's caller for the run's verdict.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(1);
-
-/// What somebody on ROS wants.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Command {
-    /// Start the insertion, or go on after a pause.
-    Start,
-    /// Stop the arm and end the run.
-    Stop,
-    /// Hold still.
-    Pause,
-    /// Withdraw along the path.
-    Retract,
-    /// Move to the start pose.
-    Home,
-    /// Clear a latched fault.
-    ClearFault,
-    /// Allow or forbid motion.
-    Enable(bool),
-    /// A new target; finite.
-    Target(Position<LeftCamera>),
-}
-
-/// What became of a request: in words, both ways.
-type Verdict = Result<String, String>;
-
-/// A request that is answered once.
-pub struct Request {
-    /// What is wanted.
-    pub command: Command,
-    answer: Box<dyn FnOnce(Verdict) + Send>,
-}
-
-impl Request {
-    fn new(command: Command, answer: impl FnOnce(Verdict) + Send + 'static) -> Self {
-        let answer = Box::new(answer);
-        Self { command, answer }
-    }
-
-    /// Tells the caller that it is done or under way.
-    pub fn accept(self, text: impl Into<String>) {
-        (self.answer)(Ok(text.into()));
-    }
-
-    /// Tells the caller why not.
-    pub fn refuse(self, reason: impl Into<String>) {
-        (self.answer)(Err(reason.into()));
-    }
-}
-
-impl std::fmt::Debug for Request {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_tuple("Request").field(&self.command).finish()
-    }
-}
 
 /// A request and when it came.
 #[derive(Debug)]

@@ -7,10 +7,11 @@ use std::time::{Duration, SystemTime};
 
 use hal::telemetry::{LawReport, ModelReport, Phase, Telemetry, Tracking};
 use hal::{
-    ArmMode, CameraFrame, GrayImage, Joints, Position, Stamp, StereoFrame, Transform, Twist,
+    ArmMode, CameraFrame, GrayImage, Joints, Overlay, Position, Stamp, StereoFrame, Transform,
+    Twist,
 };
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Frames, Overlay, Rates};
+use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Frames, Rates};
 use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
 
 use crate::master::{Master, Running};

@@ -1,11 +1,6 @@
 //! The left image with what was tracked in it.
 
-use hal::CameraFrame;
-use hal::frame::{Frame, LeftCamera};
-
-use crate::convert;
-use crate::msg::sensor_msgs;
-use hal::Stamp;
+use crate::CameraFrame;
 
 const CURVE: [u8; 3] = [0, 230, 60];
 const TARGET: [u8; 3] = [255, 30, 30];
@@ -24,8 +19,9 @@ pub struct Overlay {
 }
 
 impl Overlay {
-    /// Draws; what lies outside the image is left out.
-    pub(super) fn message(&self, stamp: Stamp) -> sensor_msgs::Image {
+    /// The image in colour with all of it drawn in, row-major, red, green and blue a pixel; what lies
+    /// outside the image is left out.
+    pub fn draw(&self) -> Vec<u8> {
         let (width, height) = (self.image.image.width(), self.image.image.height());
         let mut canvas = Canvas {
             width,
@@ -45,16 +41,7 @@ impl Overlay {
             canvas.line([x - CROSS, y], [x + CROSS, y], TARGET);
             canvas.line([x, y - CROSS], [x, y + CROSS], TARGET);
         }
-        let [width, height] = [width, height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
-        sensor_msgs::Image {
-            header: convert::header(stamp, LeftCamera::NAME, self.image.sequence),
-            height,
-            width,
-            encoding: "rgb8".to_owned(),
-            is_bigendian: 0,
-            step: width.saturating_mul(3),
-            data: canvas.rgb,
-        }
+        canvas.rgb
     }
 }
 
@@ -103,7 +90,7 @@ impl Canvas {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hal::GrayImage;
+    use crate::{GrayImage, Stamp};
 
     #[test]
     fn draws_inside_and_leaves_out_what_is_not() {
@@ -118,9 +105,9 @@ mod tests {
             curve_px,
             target_px: Some([15.0, 5.0]),
         };
-        let message = overlay.message(Stamp::ZERO);
-        let pixel = |x: usize, y: usize| &message.data[3 * (20 * y + x)..][..3];
-        assert_eq!((message.step, message.data.len()), (60, 600));
+        let drawn = overlay.draw();
+        let pixel = |x: usize, y: usize| &drawn[3 * (20 * y + x)..][..3];
+        assert_eq!(drawn.len(), 600);
         assert_eq!(pixel(2, 4), CURVE);
         assert_eq!(pixel(4, 5), CURVE, "three pixels wide");
         assert_eq!(pixel(15, 9), TARGET);

@@ -1,20 +1,20 @@
-//! A node without an insertion under way: it waits for a start, or for what may follow a run. The
+//! A session without an insertion under way: it waits for a start, or for what may follow a run. The
 //! arm may be moved by hand and home, as long as the needle is outside the tissue.
 
 use std::io::Write;
 use std::time::Duration;
 
-use hal::{Arm, ArmMode, ArmState, Joints, RateCommand, Twist};
-use nalgebra::{Isometry3, Vector3};
+use hal::request::{Command, Request};
+use hal::{Arm, ArmMode, ArmState, Joints, RateCommand};
+use nalgebra::Vector3;
 use robots::kinematics::RateSettings;
-use rosbridge::bridge::{Command, Request};
-use rosbridge::motion::{ToRates, TwistAxes};
 
 use super::{Session, readiness};
 use crate::config::{Config, RosClock};
 use crate::controls::Controls;
 use crate::cycle::{Bearings, Cycle};
 use crate::rig::Rig;
+use crate::ros::to_rates;
 use crate::run::RunError;
 use crate::withdrawal::{BasePath, Lead, Place, Verdict, make_ready};
 
@@ -103,7 +103,7 @@ fn idle(
         if let Some(state) = &state {
             session.show_arm(state);
         }
-        while let Some(request) = session.bridge.poll() {
+        while let Some(request) = session.poll() {
             let place = (&mut stage, state.as_ref());
             if let Some(leave) = obey(request, config, rig, session, controls, place) {
                 stop(rig, by_hand);
@@ -111,10 +111,11 @@ fn idle(
             }
         }
         let rates = state.as_ref().and_then(|state| {
-            let rates = session.hand.rates(now, state, &*to_rates)?;
+            let hand = session.hand.as_mut()?;
+            let rates = hand.rates(now, state, &*to_rates)?;
             let ok = session.allowed && stays_outside(config, rig, state, &rates);
             if !ok {
-                session.hand.drop_all();
+                hand.drop_all();
             }
             ok.then_some((rates, state.mode))
         });
@@ -137,7 +138,7 @@ fn idle(
 }
 
 /// Simulated time costs none: waiting has to.
-#[expect(clippy::disallowed_methods, reason = "waits for what comes over ROS")]
+#[expect(clippy::disallowed_methods, reason = "waits for what is asked")]
 fn pause(period: Duration) {
     std::thread::sleep(period);
 }
@@ -216,17 +217,20 @@ fn obey(
         },
         Command::Pause => request.refuse("no insertion is under way"),
         Command::Stop => {
-            session.hand.drop_all();
+            session.drop_motion();
             match rig.arm.stop() {
                 Ok(()) => request.accept("at rest"),
                 Err(error) => request.refuse(readiness::words(&error)),
             }
         }
+        Command::Home if session.hand.is_none() => {
+            request.refuse("motion outside the tissue needs ROS (ros.publish)");
+        }
         Command::Home => match state.map(|state| way_home(config, rig, state)) {
             Some(true) => {
                 let home = rig.home;
-                if let Some(state) = state {
-                    session.hand.go(rig.clock.now(), state, home, HOMING);
+                if let (Some(state), Some(hand)) = (state, &mut session.hand) {
+                    hand.go(rig.clock.now(), state, home, HOMING);
                 }
                 request.accept("moving home");
             }
@@ -240,7 +244,7 @@ fn obey(
         Command::Enable(allowed) => {
             session.allowed = allowed;
             if !allowed {
-                session.hand.drop_all();
+                session.drop_motion();
             }
             request.accept(if allowed { "enabled" } else { "not enabled" });
         }
@@ -288,21 +292,5 @@ fn way_home(config: &Config, rig: &Rig, state: &ArmState) -> bool {
         let share = f64::from(i) / f64::from(LOOKS);
         let joints = state.positions.zip(&rig.home, |a, b| a + share * (b - a));
         depth(config, &rig.bearings, &joints) <= OUTSIDE
-    })
-}
-
-/// Joint rates for a twist of the needle's base.
-pub(super) fn to_rates(bearings: &Bearings, settings: RateSettings) -> Box<ToRates> {
-    let bearings = bearings.clone();
-    Box::new(move |joints: &Joints, twist: &Twist, axes: TwistAxes| {
-        let arm_base_from: Isometry3<f64> = match axes {
-            TwistAxes::World => *bearings.world_from_arm_base.inverse().isometry(),
-            TwistAxes::NeedleBase => bearings.chain.forward(joints),
-        };
-        let in_arm_base = Twist {
-            linear: arm_base_from.rotation * twist.linear,
-            angular: arm_base_from.rotation * twist.angular,
-        };
-        bearings.chain.rates(joints, &in_arm_base, &settings).rates
     })
 }

@@ -1,0 +1,51 @@
+//! Other programs that watch a run and ask something of it: what they have in common, and
+//! OpenIGTLink.
+//!
+//! A run knows an [`Interface`] only: it hands over snapshots and polls for requests, and neither
+//! waits. ROS is one more of them (`ros::door`).
+//!
+//! **Architecture invariant:** nothing here runs on the run's thread but the hand-over of a
+//! snapshot to a bounded queue and the poll of another.
+
+pub mod address;
+mod budget;
+mod feed;
+pub mod igtl;
+mod mailbox;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use hal::request::Request;
+use hal::{ArmState, Overlay, StereoFrame, Telemetry};
+
+pub(crate) use budget::Budget;
+pub(crate) use feed::{Due, Feed, FeedRates, Scene, Show};
+pub(crate) use mailbox::{Mailbox, Post};
+
+/// A way in which other programs watch a run and ask something of it.
+pub(crate) trait Interface {
+    /// Shows a snapshot from now on.
+    fn show(&mut self, telemetry: &Arc<Telemetry>);
+
+    /// Shows newer feedback of the arm than the last snapshot had.
+    fn show_arm(&mut self, state: &ArmState);
+
+    /// Shows a pair of images, and the left one with what was found in it.
+    fn show_images(&mut self, pair: &StereoFrame, overlay: &Arc<Overlay>);
+
+    /// What is asked next.
+    fn poll(&mut self) -> Option<Request>;
+
+    /// Says something to all; whether that is on standard error, too.
+    fn warn(&mut self, text: &str) -> bool;
+}
+
+/// The wall clock, for rates and deadlines of connections: no time of the run.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "rates and deadlines of connections are wall-clock time"
+)]
+fn now() -> Instant {
+    Instant::now()
+}

@@ -1,0 +1,112 @@
+//! A run on ROS topics.
+
+use std::sync::Arc;
+
+use hal::request::Request;
+use hal::{ArmState, Overlay, StereoFrame, Telemetry};
+use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Frames, Rates};
+use rosbridge::{Node, NodeError};
+use vision::StereoRig;
+use vision::camera::Camera;
+
+use super::Link;
+use crate::config::{Backend, Config};
+use crate::cycle::Bearings;
+use crate::remote::Interface;
+
+/// A run's topics and services.
+#[derive(Debug)]
+pub(crate) struct Door {
+    node: Node,
+    bridge: Bridge,
+    /// Whether the images are this node's to show.
+    shows_images: bool,
+}
+
+impl Door {
+    /// Advertises everything.
+    ///
+    /// # Errors
+    /// The master does not register it.
+    pub(crate) fn open(
+        config: &Config,
+        link: &Link,
+        bearings: &Bearings,
+    ) -> Result<Self, NodeError> {
+        let options = BridgeOptions {
+            joint_names: bearings.chain.names().to_vec(),
+            joint_states: config.run.backend != Backend::Ros,
+            frames: Frames {
+                world_from_arm_base: bearings.world_from_arm_base,
+                // The robot's description has it.
+                flange_from_needle_base: None,
+                world_from_left_camera: bearings.world_from_left_camera,
+                left_from_right: bearings
+                    .cameras
+                    .as_ref()
+                    .map(|pair| pair.right_from_left.inverse()),
+            },
+            cameras: bearings.cameras.as_ref().map(camera_models),
+            rates: Rates {
+                joint_states_hz: config.ros.joint_states_hz,
+                poses_hz: config.ros.poses_hz,
+                markers_hz: config.ros.markers_hz,
+            },
+        };
+        Ok(Self {
+            bridge: Bridge::new(&link.node, options)?,
+            node: link.node.clone(),
+            shows_images: match config.run.backend {
+                Backend::Sim => true,
+                Backend::Viper => config.viper.emulate,
+                Backend::Ros => false,
+            },
+        })
+    }
+}
+
+impl Interface for Door {
+    fn show(&mut self, telemetry: &Arc<Telemetry>) {
+        self.bridge.show(Arc::clone(telemetry));
+    }
+
+    /// The arm's time is the node's where that is simulated.
+    fn show_arm(&mut self, state: &ArmState) {
+        self.node.set_time(state.stamp);
+        self.bridge.show_arm(*state);
+    }
+
+    fn show_images(&mut self, pair: &StereoFrame, overlay: &Arc<Overlay>) {
+        if self.shows_images {
+            self.bridge.show_images(pair.clone());
+        }
+        self.bridge.show_overlay(Arc::clone(overlay));
+    }
+
+    fn poll(&mut self) -> Option<Request> {
+        self.bridge.poll()
+    }
+
+    /// On `/rosout` and on standard error.
+    fn warn(&mut self, text: &str) -> bool {
+        self.node.warn(text);
+        true
+    }
+}
+
+/// What ROS is told of a calibrated pair.
+pub(super) fn camera_models(pair: &StereoRig) -> [CameraModel; 2] {
+    let model = |camera: &Camera, shift: f64| {
+        let (distortion_model, distortion) = camera.distortion.ros();
+        CameraModel {
+            width: u32::try_from(camera.width).unwrap_or(u32::MAX),
+            height: u32::try_from(camera.height).unwrap_or(u32::MAX),
+            intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
+            distortion_model,
+            distortion,
+            shift,
+        }
+    };
+    // The cameras look at the gel from two sides: unrectified, they have no common baseline row.
+    [model(&pair.left, 0.0), model(&pair.right, 0.0)]
+}

@@ -1,0 +1,225 @@
+//! Clients that mean no good: the insertion is the same, and memory is bounded.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use hal::{RateCommand, StereoFrame, Telemetry};
+use igtl::{Body, Message, Text, Transform};
+use needle_steer::config::{self, Config};
+use needle_steer::controls::Controls;
+use needle_steer::rig::{Pace, Rig};
+use needle_steer::run::{Both, Observer, run};
+use needle_steer::session::Session;
+use vision::track::Tracked;
+
+/// What a run did, to be compared bit by bit.
+#[derive(Debug, Default, PartialEq)]
+struct Trace {
+    commands: Vec<String>,
+    steps: Vec<String>,
+    images: usize,
+    times: Vec<Duration>,
+}
+
+impl Observer for Trace {
+    fn step(&mut self, telemetry: &Telemetry) {
+        // Debug output of a float is the shortest text that reads back as the same bits.
+        self.steps.push(format!("{telemetry:?}"));
+    }
+
+    fn command(&mut self, command: &RateCommand) {
+        self.commands.push(format!("{command:?}"));
+    }
+
+    fn images(&mut self, _: &StereoFrame, _: &Tracked) {
+        self.images += 1;
+    }
+
+    fn timed(&mut self, step: Duration) {
+        self.times.push(step);
+    }
+}
+
+fn configured(sets: &[&str]) -> Config {
+    let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+    config::load(None, &sets).unwrap()
+}
+
+/// Carries a run out, with a session where `config` asks for one, and with `clients` connected.
+fn carried_out(
+    config: &Config,
+    pace: Pace,
+    clients: impl FnOnce(SocketAddr, &Arc<AtomicBool>) -> Vec<JoinHandle<()>>,
+) -> (Trace, String, std::collections::BTreeMap<&'static str, u64>) {
+    let mut rig = Rig::simulated(config, pace).unwrap();
+    let controls = Arc::new(Controls::default());
+    let mut session = Session::open(config, None, &rig, &controls).unwrap();
+    let over = Arc::new(AtomicBool::new(false));
+    let mut trace = Trace::default();
+    let mut dropped = std::collections::BTreeMap::new();
+    let summary = match &mut session {
+        Some(session) => {
+            let (address, counters) = session.igtl().unwrap();
+            let clients = clients(address, &over);
+            let mut both = Both(session, &mut trace);
+            let summary = run(config, &mut rig, &mut both, &controls).unwrap();
+            over.store(true, Ordering::Release);
+            for client in clients {
+                client.join().unwrap();
+            }
+            dropped = counters.counts();
+            summary
+        }
+        None => run(config, &mut rig, &mut trace, &controls).unwrap(),
+    };
+    (trace, format!("{summary:?}"), dropped)
+}
+
+fn string(text: &str) -> Vec<u8> {
+    let body = Body::Text(Text::new(text));
+    Message::new("Command", body).encode().unwrap()
+}
+
+/// Kinds of clients, by number.
+fn client(kind: usize, address: SocketAddr, over: &AtomicBool) {
+    let mut noise = 0x9e37_79b9_u32.wrapping_mul(1 + u32::try_from(kind).unwrap());
+    let mut garbage = move || {
+        noise ^= noise << 13;
+        noise ^= noise >> 17;
+        noise ^= noise << 5;
+        noise.to_be_bytes()
+    };
+    let mut target = Transform::at([f32::NAN; 3]);
+    target.axes[0] = [3.0, 0.0, 0.0];
+    let target = Message::new("NewTarget", Body::Transform(target));
+    let target = target.encode().unwrap();
+    let behind = string("TARGET 400 0 400");
+    let pause = Duration::from_millis(20);
+    while !over.load(Ordering::Acquire) {
+        let Ok(mut stream) = TcpStream::connect(address) else {
+            std::thread::sleep(pause);
+            continue;
+        };
+        let _ = stream.set_write_timeout(Some(pause));
+        let _ = stream.set_read_timeout(Some(pause));
+        let mut sent = true;
+        while sent && !over.load(Ordering::Acquire) {
+            let waits = Duration::from_millis(if kind % 8 < 2 { 20 } else { 1 });
+            sent = match kind % 8 {
+                // Silent, and never reading.
+                0 => stream.peer_addr().is_ok(),
+                // A byte now and then, of a message that never ends.
+                1 => stream.write(&[0]).is_ok(),
+                // Bytes that mean nothing.
+                2 => stream.write_all(&garbage()).is_ok(),
+                // As many words as there is room for.
+                3 => stream.write_all(&string("NONSENSE").repeat(50)).is_ok(),
+                // As many targets as there is room for, all bad.
+                4 => stream
+                    .write_all(&[target.clone(), behind.clone()].concat().repeat(20))
+                    .is_ok(),
+                // A body that is larger than anything.
+                5 => {
+                    let mut large = string("STOP");
+                    large[42..50].copy_from_slice(&u64::MAX.to_be_bytes());
+                    stream.write_all(&large).is_ok()
+                }
+                // A wrong checksum.
+                6 => {
+                    let mut damaged = string("STOP");
+                    *damaged.last_mut().unwrap() ^= 1;
+                    stream.write_all(&damaged).is_ok()
+                }
+                // Reads a little and goes.
+                _ => {
+                    let mut few = [0; 64];
+                    let _ = stream.read(&mut few);
+                    false
+                }
+            };
+            std::thread::sleep(waits);
+        }
+        std::thread::sleep(pause);
+    }
+}
+
+fn crowd(n: usize, address: SocketAddr, over: &Arc<AtomicBool>) -> Vec<JoinHandle<()>> {
+    (0..n)
+        .map(|kind| {
+            let over = Arc::clone(over);
+            std::thread::spawn(move || client(kind, address, &over))
+        })
+        .collect()
+}
+
+/// Memory of this process \[kB\], where the system tells.
+fn resident() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
+}
+
+const SHORT: [&str; 3] = [
+    "target.depth_mm=30",
+    "target.offset_mm=1",
+    "igtl.address=\"127.0.0.1:0\"",
+];
+
+#[test]
+fn an_insertion_among_hostile_clients_is_the_same_bit_by_bit() {
+    for sensor in ["shape", "images"] {
+        let sensor = format!("run.sensor={sensor:?}");
+        let alone = configured(&[&SHORT[..], &[&sensor]].concat());
+        let served = configured(&[&SHORT[..], &[&sensor, "igtl.serve=true"]].concat());
+        let (mut expected, ended, _) = carried_out(&alone, Pace::Free, |_, _| Vec::new());
+        let (mut found, ended_too, dropped) = carried_out(&served, Pace::Free, |address, over| {
+            crowd(24, address, over)
+        });
+        expected.times.clear();
+        found.times.clear();
+        assert_eq!(ended_too, ended);
+        assert_eq!(found, expected, "{sensor}");
+        assert!(
+            expected.commands.len() > 1000,
+            "{}",
+            expected.commands.len()
+        );
+        assert!(dropped.contains_key("version"), "{dropped:?}");
+        eprintln!("{sensor}: {dropped:?}");
+    }
+}
+
+/// Fifty of them for a minute of wall-clock time: times of steps, and memory. A measurement, run by
+/// hand: `cargo test --release -p needle-steer --test igtl -- --ignored --nocapture fifty`.
+#[test]
+#[ignore = "measures for two minutes"]
+fn fifty_hostile_clients_for_a_minute() {
+    let long = [
+        "target.depth_mm=55",
+        "target.offset_mm=1",
+        "igtl.address=\"127.0.0.1:0\"",
+    ];
+    let p = |trace: &Trace, share: usize| {
+        let mut times = trace.times.clone();
+        times.sort_unstable();
+        times[(times.len() - 1) * share / 100]
+    };
+    for clients in [0, 50] {
+        let served = configured(&[&long[..], &["igtl.serve=true"]].concat());
+        let before = resident();
+        let pace = Pace::Paced(needle_steer::clock::WallTime::start());
+        let (trace, ended, dropped) =
+            carried_out(&served, pace, |address, over| crowd(clients, address, over));
+        eprintln!(
+            "{clients} clients: {} steps, p50 {:?}, p99 {:?}, memory {before:?} to {:?} kB, {dropped:?}\n{ended}",
+            trace.times.len(),
+            p(&trace, 50),
+            p(&trace, 99),
+            resident(),
+        );
+    }
+}

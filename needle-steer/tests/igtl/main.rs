@@ -1,0 +1,12 @@
+//! Runs that are served over OpenIGTLink: to pyigtl, and to clients that mean no good.
+#![expect(
+    clippy::panic,
+    clippy::unwrap_used,
+    clippy::print_stderr,
+    clippy::disallowed_methods,
+    reason = "live processes and sockets: tests wait, a failed step is a failed test, and one that is \
+              skipped says so"
+)]
+
+mod hostile;
+mod peers;
