@@ -111,7 +111,9 @@ pub(crate) fn shows_the_scene(picture: &Picture) -> (bool, String) {
     let arm = picture.find(|[r, g, b]| r.abs_diff(g) <= 6 && g.abs_diff(b) <= 10 && r >= 60);
     let found = format!("target {target:?}, axis {axis:?}, needle {needle:?}, arm {arm:?}");
     let seen = target.0 > 4 && axis.0 > 8 && needle.0 > 20 && arm.0 > 20_000;
-    // From top to bottom on the screen: needle, tip axis, target; the arm to their left.
-    let placed = needle.1[1] < axis.1[1] && axis.1[1] < target.1[1] && arm.1[0] < needle.1[0];
+    // From top to bottom on the screen: needle, tip axis, the arm to their left. How far the axis
+    // is above the target depends on where the insertion was held; past it, it is below.
+    let down = [axis, target].iter().all(|below| needle.1[1] < below.1[1]);
+    let placed = down && arm.1[0] < needle.1[0];
     (seen && placed, found)
 }

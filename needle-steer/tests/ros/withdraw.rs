@@ -95,15 +95,16 @@ fn an_arm_behind_ros_is_withdrawn_by_its_log_after_kills_lost_links_and_full_dis
         let told = match stop {
             "kill" => {
                 let _ = run.0.kill();
-                ""
+                [""; 2]
             }
             "rosnode" => {
                 master.output(20, "rosnode", &["kill", "/needle_steer"]);
-                "shut down"
+                ["shut down"; 2]
             }
             "link" => {
                 signal(&laboratory.0, "-STOP");
-                "the arm faulted"
+                // Which of the two is due first depends on when the link went.
+                ["the arm faulted", "no encoder reading"]
             }
             _ => {
                 // On beyond the end of the log.
@@ -111,7 +112,7 @@ fn an_arm_behind_ros_is_withdrawn_by_its_log_after_kills_lost_links_and_full_dis
                 let _ = Command::new("kill")
                     .args(["-INT", &run.0.id().to_string()])
                     .status();
-                "interrupted"
+                ["interrupted"; 2]
             }
         };
         run.0.wait().unwrap();
@@ -124,7 +125,8 @@ fn an_arm_behind_ros_is_withdrawn_by_its_log_after_kills_lost_links_and_full_dis
         let said = ended(&out.join("summary.json"));
         // On a busy machine the arm may have lost its velocities before: a stop of its own.
         let by_arm = said.contains("the arm faulted");
-        assert!(by_arm || said.contains(told), "{stop}: {said}");
+        let as_told = told.iter().any(|words| said.contains(words));
+        assert!(by_arm || as_told, "{stop}: {said}");
         let log = out.join("run.mcap");
         let mut last = String::new();
         // A busy machine may miss a deadline, which stops the arm; the same command goes on.
