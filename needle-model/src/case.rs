@@ -36,8 +36,9 @@ pub struct Case {
     pub springs: Vec<([f64; 3], f64)>,
 }
 
-/// A solved [`Case`].
+/// A solved [`Case`], in World.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct CaseShape {
     /// Position of O \[m\].
     pub tip_m: [f64; 3],

@@ -1,7 +1,7 @@
 //! The equilibrium of the needle model for a given state, from JSON: what `shape` prints.
 
-use needle_model::Case;
-use serde::{Deserialize, Serialize};
+use needle_model::{Case, CaseShape};
+use serde::Deserialize;
 
 /// A case that cannot be read or has no equilibrium: place and problem.
 #[derive(Debug, thiserror::Error)]
@@ -41,48 +41,20 @@ struct SpringEntry {
     stiffness_n_per_m: f64,
 }
 
-/// The equilibrium, World, metres.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Shape {
-    /// The tip.
-    pub tip_m: [f64; 3],
-    /// Its axis.
-    pub tip_direction: [f64; 3],
-    /// Where the springs hold the needle.
-    pub spring_points_m: Vec<[f64; 3]>,
-    /// Arc length from the base and place, along the needle.
-    pub shape: Vec<[f64; 4]>,
-    /// Base twist (of the base's origin) to tip twist, linear above angular.
-    pub j_tip_base: [[f64; 6]; 6],
-    /// Newton's steps.
-    pub iterations: usize,
-    /// Imbalance that is left, relative to the load.
-    pub residual: f64,
-}
-
 /// Solves the case that `text` (JSON) states.
 ///
 /// # Errors
 /// The place in the text and what is wrong there, or why there is no equilibrium.
-pub fn solve(text: &str) -> Result<Shape, ShapeError> {
+pub fn solve(text: &str) -> Result<CaseShape, ShapeError> {
     let reader = &mut serde_json::Deserializer::from_str(text);
     let case: CaseFile = serde_path_to_error::deserialize(&mut *reader)
         .map_err(|e| ShapeError(format!("{}: {}", e.path(), e.inner())))?;
     reader
         .end()
         .map_err(|e| ShapeError(format!("after the case: {e}")))?;
-    let solved = Case::from(case)
+    Case::from(case)
         .solve()
-        .map_err(|e| ShapeError(e.to_string()))?;
-    Ok(Shape {
-        tip_m: solved.tip_m,
-        tip_direction: solved.tip_direction,
-        spring_points_m: solved.spring_points_m,
-        shape: solved.shape,
-        j_tip_base: solved.j_tip_base,
-        iterations: solved.iterations,
-        residual: solved.residual,
-    })
+        .map_err(|e| ShapeError(e.to_string()))
 }
 
 impl From<CaseFile> for Case {

@@ -8,7 +8,7 @@ use hal::{CameraFrame, Error, ErrorKind, Stamp, StereoCamera, StereoFrame};
 
 use crate::image::{self, Depth, ImageRefused};
 use crate::msg::sensor_msgs;
-use crate::seam::{Inlet, Node, NodeClock, NodeError, lock};
+use crate::seam::{Inlet, Node, NodeClock, NodeError, Time, lock};
 
 /// Images of one side that wait for their partners.
 const WAITING: usize = 4;
@@ -22,6 +22,8 @@ pub struct RosCamerasOptions {
     pub left: String,
     /// Topic of the right images.
     pub right: String,
+    /// Take `CompressedImage`s, from `/compressed` below each of the two.
+    pub compressed: bool,
     /// Largest distance between the stamps of a pair.
     pub tolerance: Duration,
     /// Silence after which the cameras count as gone.
@@ -34,9 +36,21 @@ impl Default for RosCamerasOptions {
             name: "cameras".to_owned(),
             left: "left/image_raw".to_owned(),
             right: "right/image_raw".to_owned(),
+            compressed: false,
             tolerance: Duration::from_millis(2),
             timeout: Duration::from_secs(1),
         }
+    }
+}
+
+impl RosCamerasOptions {
+    fn topic(&self, side: Side) -> String {
+        let base = match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        };
+        let suffix = if self.compressed { "/compressed" } else { "" };
+        format!("{base}{suffix}")
     }
 }
 
@@ -57,18 +71,26 @@ impl RosCameras {
     pub fn new(node: &Node, options: RosCamerasOptions) -> Result<Self, NodeError> {
         let clock = node.clock();
         let pairing = Arc::new(Mutex::new(Pairing::new(&options)));
-        for (topic, side) in [(&options.left, Side::Left), (&options.right, Side::Right)] {
-            let (pairing, clock) = (Arc::clone(&pairing), clock.clone());
-            let depth = Mutex::new(Depth::default());
-            Inlet::open::<sensor_msgs::Image>(node, topic, 2, move |message| {
-                let stamp = clock.run_stamp(message.header.stamp);
-                let frame = image::grey(message, &mut lock(&depth));
-                let mut pairing = lock(&pairing);
-                match frame {
-                    Ok(frame) => pairing.add(side, CameraFrame { stamp, ..frame }, clock.now()),
-                    Err(refused) => pairing.topics[side as usize].refused = Some(refused),
-                }
-            })?;
+        for side in [Side::Left, Side::Right] {
+            let receiver = Receiver {
+                side,
+                clock: clock.clone(),
+                pairing: Arc::clone(&pairing),
+                depth: Mutex::default(),
+            };
+            let topic = options.topic(side);
+            if options.compressed {
+                Inlet::open::<sensor_msgs::CompressedImage>(node, &topic, 2, move |message| {
+                    let frame = image::decompressed(&message, &mut lock(&receiver.depth));
+                    receiver.take(frame, message.header.stamp);
+                })?;
+            } else {
+                Inlet::open::<sensor_msgs::Image>(node, &topic, 2, move |message| {
+                    let stamp = message.header.stamp;
+                    let frame = image::grey(message, &mut lock(&receiver.depth));
+                    receiver.take(frame, stamp);
+                })?;
+            }
         }
         let (asked, now) = (Arc::clone(&pairing), clock.clone());
         node.ask_about(&options.name, move || lock(&asked).hindrance(now.now()));
@@ -97,12 +119,33 @@ impl StereoCamera for RosCameras {
     }
 }
 
+/// Where the images of one side arrive.
+struct Receiver {
+    side: Side,
+    clock: NodeClock,
+    pairing: Arc<Mutex<Pairing>>,
+    depth: Mutex<Depth>,
+}
+
+impl Receiver {
+    fn take(&self, frame: Result<CameraFrame, ImageRefused>, exposed: Time) {
+        let stamp = self.clock.run_stamp(exposed);
+        let mut pairing = lock(&self.pairing);
+        match frame {
+            Ok(frame) => {
+                pairing.add(self.side, CameraFrame { stamp, ..frame }, self.clock.now());
+            }
+            Err(refused) => pairing.topics[self.side as usize].refused = Some(refused),
+        }
+    }
+}
+
 impl Topic {
     fn trouble(&self) -> Option<String> {
-        match (&self.refused, self.newest) {
-            (Some(refused), _) => Some(format!("{}: {refused}", self.name)),
-            (None, None) => Some(format!("nothing comes on {}", self.name)),
-            (None, Some(_)) => None,
+        match &self.refused {
+            Some(refused) => Some(format!("{}: {refused}", self.name)),
+            None if self.came => None,
+            None => Some(format!("nothing comes on {}", self.name)),
         }
     }
 }
@@ -117,8 +160,8 @@ enum Side {
 #[derive(Debug)]
 struct Topic {
     name: String,
-    /// Exposure of the newest image.
-    newest: Option<Stamp>,
+    /// An image that can be read came.
+    came: bool,
     /// Why the newest image could not be read.
     refused: Option<ImageRefused>,
 }
@@ -137,9 +180,9 @@ struct Pairing {
 
 impl Pairing {
     fn new(options: &RosCamerasOptions) -> Self {
-        let topics = [&options.left, &options.right].map(|name| Topic {
-            name: name.clone(),
-            newest: None,
+        let topics = [Side::Left, Side::Right].map(|side| Topic {
+            name: options.topic(side),
+            came: false,
             refused: None,
         });
         Self {
@@ -181,7 +224,7 @@ impl Pairing {
 
     fn add(&mut self, side: Side, frame: CameraFrame, now: Stamp) {
         let topic = &mut self.topics[side as usize];
-        topic.newest = Some(frame.stamp);
+        topic.came = true;
         topic.refused = None;
         let (own, others) = match side {
             Side::Left => (&mut self.left, &mut self.right),

@@ -1,6 +1,8 @@
-//! `sensor_msgs/Image` in the encodings of common drivers, as a grey image of 8 bits.
+//! `sensor_msgs/Image` in the encodings of common drivers, and `CompressedImage`, as a grey image
+//! of 8 bits.
 
 use hal::{CameraFrame, GrayImage};
+use image::DynamicImage;
 
 use crate::convert;
 use crate::msg::sensor_msgs;
@@ -35,6 +37,14 @@ pub enum ImageRefused {
         height_px: u32,
         /// Bytes from row to row.
         step: u32,
+    },
+    /// A compressed image that does not decode.
+    #[error("compressed image of format {format:?}: {why}")]
+    Compressed {
+        /// As the message names it.
+        format: String,
+        /// What the decoder says.
+        why: String,
     },
 }
 
@@ -153,49 +163,33 @@ pub(crate) fn grey(
     if message.data.len() < least {
         return Err(short);
     }
-    let is_plain = layout == Layout::Byte && step == width && message.data.len() == width * height;
-    let big = message.is_bigendian != 0;
     let (stamp, sequence) = (
         convert::stamp(message.header.stamp),
         u64::from(message.header.seq),
     );
-    let pixels = if is_plain {
+    let big = message.is_bigendian != 0;
+    let bytes = if message.data.len() == needed * height {
         message.data
     } else {
         let rows = (0..height).flat_map(|y| &message.data[y * step..y * step + needed]);
-        match layout {
-            Layout::Byte => rows.copied().collect(),
-            Layout::Mosaic => demosaiced(&rows.copied().collect::<Vec<u8>>(), width, height),
-            Layout::Word => {
-                let bytes: Vec<u8> = rows.copied().collect();
-                let words: Vec<u16> = bytes
-                    .as_chunks()
-                    .0
-                    .iter()
-                    .map(|&pair| {
-                        if big {
-                            u16::from_be_bytes(pair)
-                        } else {
-                            u16::from_le_bytes(pair)
-                        }
-                    })
-                    .collect();
-                depth.grey(&words)
-            }
-            Layout::Colour { bytes, rgb } => {
-                let all: Vec<u8> = rows.copied().collect();
-                all.chunks_exact(bytes)
-                    .map(|pixel| {
-                        let sum: u32 = rgb
-                            .iter()
-                            .zip(LUMA)
-                            .map(|(&at, weight)| u32::from(pixel[at]) * weight)
-                            .sum();
-                        u8::try_from(sum >> u8::BITS).unwrap_or(u8::MAX)
-                    })
-                    .collect()
-            }
+        rows.copied().collect()
+    };
+    let pixels = match layout {
+        Layout::Byte => bytes,
+        Layout::Mosaic => demosaiced(&bytes, width, height),
+        Layout::Word => {
+            let read = if big {
+                u16::from_be_bytes
+            } else {
+                u16::from_le_bytes
+            };
+            let words: Vec<u16> = bytes.as_chunks().0.iter().map(|&pair| read(pair)).collect();
+            depth.grey(&words)
         }
+        Layout::Colour { bytes: each, rgb } => bytes
+            .chunks_exact(each)
+            .map(|pixel| luma(rgb.map(|at| pixel[at])))
+            .collect(),
     };
     Ok(CameraFrame {
         stamp,
@@ -204,6 +198,44 @@ pub(crate) fn grey(
             .map_err(|_| short)?
             .into(),
     })
+}
+
+/// The compressed image in grey: JPEG or PNG, as `image_transport` publishes them.
+///
+/// # Errors
+/// Data that do not decode.
+pub(crate) fn decompressed(
+    message: &sensor_msgs::CompressedImage,
+    depth: &mut Depth,
+) -> Result<CameraFrame, ImageRefused> {
+    let refused = |why: String| ImageRefused::Compressed {
+        format: message.format.clone(),
+        why,
+    };
+    let decoded =
+        image::load_from_memory(&message.data).map_err(|error| refused(error.to_string()))?;
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    let pixels = match decoded {
+        DynamicImage::ImageLuma8(grey) => grey.into_raw(),
+        DynamicImage::ImageLuma16(words) => depth.grey(words.as_raw()),
+        colour => {
+            let rgb = colour.into_rgb8();
+            rgb.pixels().map(|pixel| luma(pixel.0)).collect()
+        }
+    };
+    Ok(CameraFrame {
+        stamp: convert::stamp(message.header.stamp),
+        sequence: u64::from(message.header.seq),
+        image: GrayImage::from_pixels(width, height, pixels)
+            .map_err(|error| refused(error.to_string()))?
+            .into(),
+    })
+}
+
+/// Grey value of red, green and blue.
+fn luma(rgb: [u8; 3]) -> u8 {
+    let sum: u32 = rgb.iter().zip(LUMA).map(|(&c, w)| u32::from(c) * w).sum();
+    u8::try_from(sum >> u8::BITS).unwrap_or(u8::MAX)
 }
 
 /// Grey values of a colour mosaic: the weights 1 2 1 across and down hold each colour of the square
@@ -316,6 +348,46 @@ mod tests {
         let dark = |v: u8| (u16::from(v) << 1).to_le_bytes().to_vec();
         let frame = grey(message("mono16", 0, &dark), &mut depth).unwrap();
         assert_eq!(frame.image.row(1)[4], value(4, 1) >> 3);
+    }
+
+    /// A gradient of 16 x 16 px, compressed.
+    fn packed(format: image::ImageFormat, name: &str) -> sensor_msgs::CompressedImage {
+        let gradient = image::GrayImage::from_fn(16, 16, |x, y| {
+            image::Luma([u8::try_from(8 * x + 6 * y).unwrap()])
+        });
+        let mut data = std::io::Cursor::new(Vec::new());
+        let picture = match format {
+            image::ImageFormat::Png => DynamicImage::from(gradient),
+            _ => DynamicImage::from(gradient).into_rgb8().into(),
+        };
+        picture.write_to(&mut data, format).unwrap();
+        sensor_msgs::CompressedImage {
+            format: name.to_owned(),
+            data: data.into_inner(),
+            ..sensor_msgs::CompressedImage::default()
+        }
+    }
+
+    #[test]
+    fn jpeg_and_png_decode_and_what_does_not_is_named() {
+        for (format, name, tolerance) in [
+            (image::ImageFormat::Png, "mono8; png compressed mono8", 0),
+            // Of JPEG at its usual quality, on a smooth gradient.
+            (image::ImageFormat::Jpeg, "bgr8; jpeg compressed bgr8", 4),
+        ] {
+            let mut message = packed(format, name);
+            let frame = decompressed(&message, &mut Depth::default()).unwrap();
+            for (x, y) in [(0, 0), (5, 9), (15, 15)] {
+                let value = frame.image.row(y)[x];
+                let wanted = u8::try_from(8 * x + 6 * y).unwrap();
+                assert!(value.abs_diff(wanted) <= tolerance, "{name}: {value}");
+            }
+            message.data.truncate(20);
+            let text = decompressed(&message, &mut Depth::default())
+                .unwrap_err()
+                .to_string();
+            assert!(text.contains(name), "{text}");
+        }
     }
 
     #[test]

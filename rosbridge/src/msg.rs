@@ -35,6 +35,7 @@ mod generated {
         rosgraph_msgs / Clock,
         rosgraph_msgs / Log,
         sensor_msgs / CameraInfo,
+        sensor_msgs / CompressedImage,
         sensor_msgs / Image,
         sensor_msgs / JointState,
         std_msgs / Empty,

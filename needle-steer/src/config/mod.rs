@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 pub use igtl::{Igtl, IgtlCoordinates, IgtlVersion, UnknownVersion};
 pub use load::{Base, ConfigError, Origin, assemble, load, parse, quoted};
-pub use ros::{Ros, RosClock};
+pub use ros::{Ros, RosClock, RosImages};
 pub use supervisor::Supervisor;
 
 /// The commented default configuration, as `needle-steer config default` prints it.

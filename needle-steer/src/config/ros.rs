@@ -14,6 +14,17 @@ pub enum RosClock {
     Simulated,
 }
 
+/// How the images of the back end `ros` come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RosImages {
+    /// `sensor_msgs/Image`.
+    #[default]
+    Raw,
+    /// `sensor_msgs/CompressedImage`, JPEG or PNG, on the topics below the raw ones'.
+    Compressed,
+}
+
 /// ROS 1.
 #[expect(
     clippy::struct_excessive_bools,
@@ -45,6 +56,8 @@ pub struct Ros {
     pub poses_hz: f64,
     /// Rate of `needle/markers` \[Hz\].
     pub markers_hz: f64,
+    /// How the images come that the back end `ros` sees with.
+    pub images: RosImages,
     /// Standard deviation of the marker's places on the topic `marker`, per axis \[mm\].
     pub marker_sigma_mm: f64,
 }
@@ -63,6 +76,7 @@ impl Default for Ros {
             joint_states_hz: 100.0,
             poses_hz: 50.0,
             markers_hz: 20.0,
+            images: RosImages::Raw,
             marker_sigma_mm: 0.2,
         }
     }

@@ -24,7 +24,7 @@ use rosbridge::motion::Hand;
 use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
 
 use crate::clock::{WallClock, WallTime};
-use crate::config::{Backend, Config, RosClock, SensorKind, TargetKind};
+use crate::config::{Backend, Config, RosClock, RosImages, SensorKind, TargetKind};
 use crate::controls::Controls;
 use crate::rig::{Eyes, MarkerEyes, Pace};
 
@@ -146,7 +146,10 @@ impl Link {
         Ok(match config.run.sensor {
             SensorKind::Images => Eyes::Cameras(Box::new(RosCameras::new(
                 node,
-                RosCamerasOptions::default(),
+                RosCamerasOptions {
+                    compressed: config.ros.images == RosImages::Compressed,
+                    ..RosCamerasOptions::default()
+                },
             )?)),
             SensorKind::Shape => Eyes::Shape(Box::new(RosShapes::new(node)?)),
         })

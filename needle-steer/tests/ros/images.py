@@ -1,18 +1,35 @@
 """Cameras of another make: republishes left/ and right/image_raw under other/ in another form.
 
-Argument: bgr8, mono16, padded, late (the right stamps by 6 ms), or the name of an encoding that is
-put on the images as they are. Says "ready" on standard output.
+Argument: bgr8, mono16, padded, compressed (PNG), late (the right stamps by 6 ms), or the name of an
+encoding that is put on the images as they are. Says "ready" on standard output.
 """
+import struct
 import sys
+import zlib
 
 import rospy
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CompressedImage, Image
 
 form = sys.argv[1]
 PADDING = 16
 
 
+def png(image):
+    """The grey image as a PNG."""
+    def chunk(name, data):
+        check = struct.pack('>I', zlib.crc32(name + data))
+        return struct.pack('>I', len(data)) + name + data + check
+    header = struct.pack('>2I5B', image.width, image.height, 8, 0, 0, 0, 0)
+    rows = (image.data[y * image.width:(y + 1) * image.width] for y in range(image.height))
+    pixels = zlib.compress(b''.join(b'\0' + row for row in rows), 1)
+    return (b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', header) + chunk(b'IDAT', pixels)
+            + chunk(b'IEND', b''))
+
+
 def changed(image, side):
+    if form == 'compressed':
+        return CompressedImage(header=image.header, format='mono8; png compressed mono8',
+                               data=png(image))
     data, out = image.data, Image(header=image.header, height=image.height, width=image.width)
     out.encoding, out.step = image.encoding, image.width
     if form == 'bgr8':
@@ -41,7 +58,10 @@ def changed(image, side):
 
 rospy.init_node('other_cameras')
 for side in ('left', 'right'):
-    publisher = rospy.Publisher('/other/%s/image_raw' % side, Image, queue_size=2)
+    topic, kind = '/other/%s/image_raw' % side, Image
+    if form == 'compressed':
+        topic, kind = topic + '/compressed', CompressedImage
+    publisher = rospy.Publisher(topic, kind, queue_size=2)
     rospy.Subscriber('/%s/image_raw' % side, Image,
                      lambda image, side=side, publisher=publisher:
                      publisher.publish(changed(image, side)))

@@ -33,8 +33,16 @@ fn start_run(master: &Master, name: &str) -> Running {
         "--json",
         "--out",
         out.to_str().unwrap(),
+        "--set",
+        if name == "compressed" {
+            "ros.images=compressed"
+        } else {
+            "ros.images=raw"
+        },
         "left/image_raw:=/other/left/image_raw",
         "right/image_raw:=/other/right/image_raw",
+        "left/image_raw/compressed:=/other/left/image_raw/compressed",
+        "right/image_raw/compressed:=/other/right/image_raw/compressed",
     ];
     let mut command = std::process::Command::new(crate::BINARY);
     master.environment(&mut command);
@@ -62,7 +70,7 @@ fn images_of_other_encodings_and_padded_rows_steer() {
         return;
     };
     let _alone = alone();
-    for form in ["bgr8", "mono16", "padded"] {
+    for form in ["bgr8", "mono16", "padded", "compressed"] {
         let mut laboratory = start(&master, &["emulate", "ros"]);
         let _said = ready(&mut laboratory);
         let _cameras = other_cameras(&master, form);
