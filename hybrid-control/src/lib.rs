@@ -37,7 +37,7 @@ pub use freedom::Freedom;
 pub use laws::{LAW_NAMES, LawError, guarded, law_by_name};
 pub use motion::{TissueField, TissueMotion, TissueSway};
 pub use reach::{
-    Means, ReachMonitor, Unreachable, lateral_error, reachable_at_start, target_ahead,
+    Means, Reach, ReachMonitor, Unreachable, lateral_error, reachable_at_start, target_ahead,
 };
 pub use settings::{EstimatorSettings, LawSettings, Limits, MotionSettings};
 pub use view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};

@@ -99,6 +99,15 @@ pub enum Unreachable {
     NonFinite,
 }
 
+/// What steering has to give to a target, and can.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reach {
+    /// Predicted miss without steering \[m\].
+    pub miss: f64,
+    /// What bevel and base can give together \[m\]; nothing for a law without control.
+    pub most: Option<f64>,
+}
+
 /// Which means a law steers with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Means {
@@ -193,7 +202,7 @@ pub fn reachable_at_start(
     target: &Point3<f64>,
     limits: &Limits,
     means: Means,
-) -> Result<(), Unreachable> {
+) -> Result<Reach, Unreachable> {
     if !target.iter().all(|x| x.is_finite()) {
         return Err(Unreachable::NonFinite);
     }
@@ -213,11 +222,12 @@ pub fn reachable_at_start(
             missing_mm: missing * 1e3,
         });
     }
-    if means == Means::NONE {
-        return Ok(());
-    }
     let mut rollout = Rollout::new();
     estimator.rollout(target, &mut rollout);
+    let miss = rollout.miss.norm();
+    if means == Means::NONE {
+        return Ok(Reach { miss, most: None });
+    }
     // A pivot about the entry shifts the base: a narrow workspace may end it before the tilt does.
     let height = (estimator.needle_length() - estimator.depth()).max(1e-3);
     let tilt = (limits.tilt_deg.to_radians() * 0.5).min(limits.base_offset_mm * 1e-3 / height);
@@ -230,7 +240,6 @@ pub fn reachable_at_start(
         0.0
     };
     let reach = base + if means.bevel { rollout.bevel } else { 0.0 };
-    let miss = rollout.miss.norm();
     if miss > reach {
         return Err(Unreachable::Aside {
             shortfall_mm: (miss - reach) * 1e3,
@@ -238,7 +247,10 @@ pub fn reachable_at_start(
             reach_mm: reach * 1e3,
         });
     }
-    Ok(())
+    Ok(Reach {
+        miss,
+        most: Some(reach),
+    })
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! Where a run goes: the target of a configuration, and the answer to one that somebody gives.
 
-use hal::frame::LeftCamera;
+use hal::frame::{LeftCamera, World};
 use hal::{Position, Transform};
-use hybrid_control::Unreachable;
-use nalgebra::{Isometry3, Point3, Vector3};
+use hybrid_control::{Reach, Unreachable};
+use nalgebra::{Isometry3, Vector3};
 
 use crate::config::{Config, TargetKind};
 use crate::rig::Misfit;
@@ -16,6 +16,8 @@ pub struct Aimed {
     pub ahead: f64,
     /// Beside that axis \[m\].
     pub aside: f64,
+    /// What steering has to give, and can; nothing where that was not asked.
+    pub reach: Option<Reach>,
 }
 
 impl std::fmt::Display for Aimed {
@@ -59,10 +61,17 @@ pub enum TargetRefused {
 /// What becomes of a target that was given.
 pub type Answer = Result<Aimed, TargetRefused>;
 
-/// The configuration's target in the stereo frame.
-pub(crate) fn stereo_target(config: &Config) -> Position<LeftCamera> {
-    let [x, y, z] = config.target.position_mm.map(|v| v * 1e-3);
-    Position::new(Point3::new(x, y, z))
+/// The configuration's target in the stereo frame, where it is given as a point.
+pub(crate) fn given_target(
+    config: &Config,
+    left_from_world: &Transform<LeftCamera, World>,
+) -> Option<Position<LeftCamera>> {
+    let point = config.target.point();
+    match config.target.kind {
+        TargetKind::Stereo => Some(Position::new(point)),
+        TargetKind::World => Some(*left_from_world * Position::new(point)),
+        TargetKind::Aligned | TargetKind::Shifted | TargetKind::Marker => None,
+    }
 }
 
 /// Aligned or shifted target from a tip and the holder's pose, World \[m\].

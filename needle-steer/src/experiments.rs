@@ -191,7 +191,7 @@ impl Plan {
 
 /// Takes away what stands between the controller and the truth of this run.
 fn tell_truth(config: &mut Config) -> Result<(), SettingsError> {
-    let settings = Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
+    let settings = config.phantom_settings()?;
     let draw = Draw::new(&settings, config.run.seed);
     let exact = Settings::default();
     for (name, table) in [

@@ -323,8 +323,7 @@ pub fn own_plant(
     config: &Config,
     source: Box<dyn phantom::ShapeSource>,
 ) -> Result<PlantMaker, RigBuildError> {
-    let settings =
-        phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
+    let settings = config.phantom_settings()?;
     let entry = config.world_from_entry();
     Ok(Box::new(move |world_from_base| {
         let plant = phantom::GivenPlant::new(&settings, &entry, world_from_base, source);

@@ -4,6 +4,7 @@
 use std::fmt::Write;
 
 use phantom::Settings;
+use phantom::camera::CameraSettings;
 use toml::{Table, Value};
 
 use crate::config::DEFAULT_TOML;
@@ -25,7 +26,7 @@ values that no source gives.
 pub fn page() -> String {
     let mut page = INTRODUCTION.to_owned();
     for section in sections(DEFAULT_TOML) {
-        if section.name == "phantom" {
+        if ["phantom", "cameras.simulated"].contains(&section.name.as_str()) {
             continue;
         }
         let _ = write!(page, "\n## `[{}]`", section.name);
@@ -42,11 +43,25 @@ pub fn page() -> String {
         }
     }
     page.push_str(
-        "\n## `[phantom]`: changes to the preset\n\nTables and keys of the phantom, with the values \
-         of the presets (`paper-compliant` is `paper` on\nthe second family of tip laws). \
-         [PHANTOM.md](PHANTOM.md) says what they do.\n\n",
+        "\n## `[cameras.simulated]`: changes to the simulated cameras that go with the preset\n\n\
+         [PHANTOM_CAMERAS.md](PHANTOM_CAMERAS.md) says how the images are made.\n\n",
     );
-    phantom(&mut page);
+    let cameras = PRESETS.map(|name| CameraSettings::preset(name).map(Table::try_from));
+    let cameras = cameras.into_iter().flatten().flatten();
+    presets(
+        &mut page,
+        &cameras.collect::<Vec<_>>(),
+        CameraSettings::meaning,
+    );
+    page.push_str(
+        "\n## `[phantom]`: changes to the preset\n\nThe simulated needle is that of `[needle]` where \
+         `[phantom.needle]` does not say otherwise; a run\nprints how they differ. \
+         `paper-compliant` is `paper` on the second family of tip laws.\n\
+         [PHANTOM.md](PHANTOM.md) says what all this does.\n\n",
+    );
+    let phantoms = PRESETS.map(|name| Settings::preset(name).map(Table::try_from));
+    let phantoms = phantoms.into_iter().flatten().flatten();
+    presets(&mut page, &phantoms.collect::<Vec<_>>(), Settings::meaning);
     page
 }
 
@@ -96,31 +111,39 @@ fn sections(text: &str) -> Vec<Section> {
     sections
 }
 
-fn phantom(page: &mut String) {
-    let presets: Vec<Table> = PRESETS
-        .iter()
-        .filter_map(|name| Table::try_from(Settings::preset(name).ok()?).ok())
-        .collect();
-    let Some(first) = presets.first() else { return };
-    page.push_str("| key |");
+/// A table of keys, what they mean, and their values in presets.
+fn presets(page: &mut String, presets: &[Table], meaning: fn(&str) -> Option<&'static str>) {
+    page.push_str("| key | meaning |");
     for name in PRESETS {
         let _ = write!(page, " `{name}` |");
     }
-    page.push_str("\n|---|---|---|---|\n");
-    for (section, keys) in first {
-        for key in keys.as_table().into_iter().flat_map(Table::keys) {
-            let _ = write!(page, "| `{section}.{key}` |");
-            for preset in &presets {
-                let value = preset.get(section).and_then(|s| s.get(key));
-                let _ = write!(
-                    page,
-                    " {} |",
-                    value.map_or_else(String::new, Value::to_string)
-                );
-            }
-            page.push('\n');
+    page.push_str("\n|---|---|---|---|---|\n");
+    for key in presets.first().map(keys).unwrap_or_default() {
+        let meaning = meaning(&key).unwrap_or_default();
+        let meaning = meaning.replace('\n', " ").replace('|', "\\|");
+        let _ = write!(page, "| `{key}` | {meaning} |");
+        for preset in presets {
+            let value = match key.split_once('.') {
+                Some((table, key)) => preset.get(table).and_then(|table| table.get(key)),
+                None => preset.get(&key),
+            };
+            let _ = write!(
+                page,
+                " {} |",
+                value.map_or_else(String::new, Value::to_string)
+            );
         }
+        page.push('\n');
     }
+}
+
+/// All keys, those of tables as `table.key`.
+fn keys(table: &Table) -> Vec<String> {
+    let of = |(name, value): (&String, &Value)| match value {
+        Value::Table(inner) => inner.keys().map(|key| format!("{name}.{key}")).collect(),
+        _ => vec![name.clone()],
+    };
+    table.iter().flat_map(of).collect()
 }
 
 #[cfg(test)]
@@ -155,19 +178,22 @@ mod tests {
         for section in sections(DEFAULT_TOML) {
             for key in section.keys {
                 count += 1;
-                let alone = [
-                    "outer_diameter_mm",
-                    "inner_diameter_mm",
-                    "young_modulus_gpa",
-                ];
-                assert!(
-                    !key.comment.is_empty() || alone.contains(&key.name.as_str()),
-                    "{}.{}",
-                    section.name,
-                    key.name
-                );
+                assert!(!key.comment.is_empty(), "{}.{}", section.name, key.name);
             }
         }
         assert!(count > 80, "{count}");
+        type Meaning = fn(&str) -> Option<&'static str>;
+        let tables: [(_, Meaning); 2] = [
+            (Table::try_from(Settings::default()), Settings::meaning),
+            (
+                Table::try_from(CameraSettings::default()),
+                CameraSettings::meaning,
+            ),
+        ];
+        for (table, meaning) in tables {
+            for key in keys(&table.unwrap()) {
+                assert!(meaning(&key).is_some(), "{key}");
+            }
+        }
     }
 }

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use hal::telemetry::{Phase, Telemetry};
 use hal::{Arm, ArmMode, ArmState, Joints, Position, RateCommand, SensedShape, Stamp};
 
-use crate::aim::{TargetRefused, stereo_target};
-use crate::config::{Config, TargetKind};
+use crate::aim::{TargetRefused, given_target};
+use crate::config::Config;
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::holds::Holds;
@@ -220,7 +220,7 @@ impl<'a> Insertion<'a> {
             start,
             aimed: false,
             steering_since: None,
-            given_target: (config.target.kind == TargetKind::Stereo).then(|| stereo_target(config)),
+            given_target: given_target(config, &rig.left_from_world()),
             rates: state.positions.zeroed(),
             last_law: None,
             path: BasePath::default(),

@@ -168,6 +168,9 @@ fn shards_merge_to_the_table_of_the_whole() {
     assert!(output.status.success(), "{}", stderr(&output));
     let table = |folder: &Path| std::fs::read_to_string(folder.join("results.csv")).unwrap();
     assert_eq!(table(&merged), table(&whole));
+    // What was put together is reported like what was made in one place.
+    let output = needle_steer(&["report", text(&merged)]);
+    assert!(output.status.success(), "{output:?}");
     assert_eq!(table(&whole).lines().count(), 17);
     // The page of the campaign.
     let output = needle_steer(&["report", text(&whole)]);

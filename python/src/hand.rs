@@ -40,9 +40,7 @@ impl Phantom {
     ) -> PyResult<Self> {
         let seed = seed.map(|seed| seed_of(seed)).transpose()?;
         let config = config_of(config, set, &[("run.seed", seed.map(Into::into))])?;
-        let settings = phantom::Settings::preset(&config.run.phantom)
-            .and_then(|preset| preset.overridden(config.phantom.clone()))
-            .map_err(input)?;
+        let settings = config.phantom_settings().map_err(input)?;
         let hand = Hand::new(&config, &settings, config.run.seed).map_err(input)?;
         Ok(Self(Mutex::new(hand)))
     }

@@ -146,6 +146,7 @@ fn nothing_is_passed_that_no_measurement_saw_passed() {
         "target.depth_mm=30.0",
         "target.offset_mm=1.0",
         "needle.bevel_deg=5.0",
+        "phantom.needle.bevel_deg=24.0",
     ]);
     assert!(!summary.ended.is_success() && !summary.hit, "{summary:?}");
 }

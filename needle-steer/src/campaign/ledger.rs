@@ -76,9 +76,17 @@ fn heading(plan: &Plan) -> String {
     format!("# {} {plan}\n{}\n", crate::VERSION, COLUMNS.join(","))
 }
 
-/// All ledgers have this name.
-fn name(shard: Shard) -> String {
-    format!("ledger-{}-of-{}.csv", shard.number, shard.of)
+impl Shard {
+    /// Name of its ledger.
+    pub fn ledger(self) -> String {
+        format!("ledger-{}-of-{}.csv", self.number, self.of)
+    }
+}
+
+/// Text of a ledger that holds these runs.
+pub fn ledger_of(plan: &Plan, lines: &BTreeMap<u64, String>) -> String {
+    let lines: String = lines.values().map(String::as_str).collect();
+    heading(plan) + &lines
 }
 
 impl Ledger {
@@ -97,7 +105,7 @@ impl Ledger {
             Ok(_) | Err(LedgerError::Missing { .. }) => {}
             Err(error) => return Err(error),
         }
-        let path = folder.join(name(shard));
+        let path = folder.join(shard.ledger());
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)

@@ -323,6 +323,7 @@ fn targets(file: &CampaignFile) -> Result<Vec<NamedTarget>, String> {
                     target.offset_mm, target.angle_deg, target.depth_mm
                 ),
                 TargetKind::Stereo => format!("{:?}", target.position_mm),
+                TargetKind::World => format!("{:?} in World", target.position_mm),
             };
         }
     }

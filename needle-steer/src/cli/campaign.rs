@@ -15,7 +15,7 @@ use super::run::interrupt_flag;
 use super::{Usage, print_json};
 use crate::campaign::compare::conclude;
 use crate::campaign::execute::{self, Shard};
-use crate::campaign::ledger::collect;
+use crate::campaign::ledger::{collect, ledger_of};
 use crate::campaign::table::table;
 use crate::campaign::{Conclusions, Failure, Ledger, Plan, Row};
 use crate::clock::WallTime;
@@ -106,6 +106,15 @@ fn merge(folders: &[PathBuf], out: Option<&Path>, json: bool) -> anyhow::Result<
     let out = out.unwrap_or(first);
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let found = conclude_folder(folders, &plan, out, json)?;
+    if !folders.iter().any(|folder| folder == out) {
+        // A folder like that of a whole campaign: it can be reported and gone on with.
+        let text = std::fs::read(first.join(COPY)).with_context(|| first.display().to_string())?;
+        replace(&out.join(COPY), &text)?;
+        replace(
+            &out.join(Shard::WHOLE.ledger()),
+            ledger_of(&plan, &collect(folders, &plan)?).as_bytes(),
+        )?;
+    }
     if found.finished < found.runs {
         anyhow::bail!(
             "{} of {} runs are missing",

@@ -129,7 +129,7 @@ struct Usage(String);
 
 /// An input file that cannot be used, with all causes in one line.
 fn unusable(file: &Path, error: impl Into<anyhow::Error>) -> Usage {
-    let text = format!("{:#}", error.into());
+    let text = words(&error.into()).join(": ");
     let name = file.display().to_string();
     Usage(if text.contains(&name) {
         text
@@ -151,14 +151,21 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref().is_some_and(broken)
 }
 
+/// The error and its causes, less those that the one before already tells.
+fn words(error: &anyhow::Error) -> Vec<String> {
+    let mut words: Vec<String> = Vec::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if !words.last().is_some_and(|last| last.contains(&cause)) {
+            words.push(cause);
+        }
+    }
+    words
+}
+
 /// One line for the error, one for each cause.
 fn report(error: &anyhow::Error) {
     let mut stderr = std::io::stderr().lock();
-    let text = error
-        .chain()
-        .map(ToString::to_string)
-        .collect::<Vec<_>>()
-        .join("\n  caused by: ");
+    let text = words(error).join("\n  caused by: ");
     // Nothing can be done about a closed stderr.
     let _ = writeln!(stderr, "error: {text}");
     if let Some(excerpt) = error.downcast_ref().and_then(excerpt) {

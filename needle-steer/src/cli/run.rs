@@ -9,7 +9,9 @@ use anyhow::Context;
 use clap::{Args, ValueEnum};
 use hal::telemetry::Telemetry;
 use hal::{Arm, ArmState, RateCommand, SensedMarker, SensedShape, StereoFrame};
+use hybrid_control::LAW_NAMES;
 use indicatif::{ProgressBar, ProgressStyle};
+use phantom::settings::PRESETS;
 use vision::track::Tracked;
 
 use super::dead_man;
@@ -44,19 +46,19 @@ pub(super) struct RunArgs {
     /// Change one key of the configuration: key=value, the value in TOML.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Arm that executes the commands.
+    /// Arm that executes the commands: sim, viper, ros [default: run.backend, sim].
     #[arg(long)]
     backend: Option<String>,
-    /// Steering law.
-    #[arg(long)]
+    /// Steering law [default: run.law, hybrid].
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(LAW_NAMES))]
     law: Option<String>,
-    /// What closes the loop.
+    /// What closes the loop: images, shape [default: run.sensor, images].
     #[arg(long)]
     sensor: Option<String>,
-    /// Preset of the phantom.
-    #[arg(long)]
+    /// Preset of the phantom [default: run.phantom, paper].
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(PRESETS))]
     phantom: Option<String>,
-    /// Seed of everything random.
+    /// Seed of everything random [default: run.seed, 1].
     #[arg(long, value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
     seed: Option<u64>,
     /// Check everything, move nothing; with =air, move the arm in air, the controller's own model
@@ -121,7 +123,9 @@ impl RunArgs {
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let config = args.config()?;
     ros::choose_master(&config)?;
-    let out = args.out.as_deref().map(RunFolder::claim).transpose()?;
+    // A dry run has no results.
+    let out = args.out.as_deref().filter(|_| !config.run.dry_run);
+    let out = out.map(RunFolder::claim).transpose()?;
     let controls = interrupt_flag()?;
     let link = Link::new(&config)?;
     if let Some(link) = &link {
@@ -132,6 +136,11 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         build(&config, link.as_ref()).map_err(|error| with_way_out(error, args.out.as_deref()))?;
     if let Some(note) = rig::assumed_speeds(&config) {
         writeln!(std::io::stderr(), "{note}")?;
+    }
+    if rig.world.is_some() {
+        for difference in config.needle_differences() {
+            writeln!(std::io::stderr(), "{difference}")?;
+        }
     }
     if config.run.dry_run {
         let joints = degrees(&rig.arm.state()?.positions);
@@ -152,6 +161,11 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let record = Recorder::new(&config, &rig.bearings, out.as_ref())?;
     let mut watcher = Watcher::new(&config, record, session);
     let mut insertion = Insertion::begin(&config, &mut rig)?;
+    if config.run.dry_run
+        && let Ok(words) = insertion.preview(&config)
+    {
+        writeln!(std::io::stderr(), "{words}")?;
+    }
     insertion.folder = out.as_ref().map(|out| out.path().to_owned());
     let carried_out = insertion.carry_out(&config, &mut watcher, &controls);
     let mut summary = watcher.record.close(carried_out, out.as_ref())?;

@@ -44,6 +44,7 @@ impl Config {
         self.validate_run()?;
         self.validate_needle()?;
         self.validate_law()?;
+        self.validate_phantom()?;
         self.validate_cameras()?;
         self.validate_motion()?;
         self.validate_estimator()?;
@@ -69,7 +70,7 @@ impl Config {
         }
         let target = &self.target;
         positive("target.goal_mm", target.goal_mm, 100.0)?;
-        if target.kind == TargetKind::Stereo {
+        if matches!(target.kind, TargetKind::Stereo | TargetKind::World) {
             for value in target.position_mm {
                 within("target.position_mm", value, -2000.0, 2000.0)?;
             }
@@ -142,16 +143,6 @@ impl Config {
             },
             problem: e.to_string(),
         })?;
-        let phantom = phantom::Settings::preset(&self.run.phantom).map_err(|e| Invalid {
-            key: "run.phantom".into(),
-            problem: e.to_string(),
-        })?;
-        phantom
-            .overridden(self.phantom.clone())
-            .map_err(|e| Invalid {
-                key: "phantom".into(),
-                problem: e.to_string(),
-            })?;
         Ok(())
     }
 

@@ -5,6 +5,7 @@
 mod check;
 mod igtl;
 mod load;
+mod phantom;
 mod ros;
 mod supervisor;
 
@@ -255,6 +256,8 @@ pub enum TargetKind {
     Shifted,
     /// At `position_mm` in the stereo frame.
     Stereo,
+    /// At `position_mm` in World.
+    World,
     /// As `shifted` from where the straight start is expected to end, then carried by the tissue:
     /// a marker whose motion is measured and fed forward.
     Marker,
@@ -272,10 +275,17 @@ pub struct Target {
     pub offset_mm: f64,
     /// Direction of the offset from the bevel direction, right-handed about the needle's z \[deg\].
     pub angle_deg: f64,
-    /// Target in the left camera's optical frame \[mm\], for `kind = "stereo"`.
+    /// Target \[mm\]: for `kind = "stereo"` in the left camera's optical frame, for `"world"` in World.
     pub position_mm: [f64; 3],
     /// Measured distance from the tip axis within which a passed target counts as hit \[mm\].
     pub goal_mm: f64,
+}
+
+impl Target {
+    /// `position_mm` in metres.
+    pub fn point(&self) -> Point3<f64> {
+        self.position_mm.map(|v| v * 1e-3).into()
+    }
 }
 
 impl Default for Target {

@@ -135,8 +135,9 @@ impl Settings {
         self.phantoms
             .iter()
             .map(|name| {
-                let preset = phantom::Settings::preset(name)?;
-                Ok(preset.overridden(self.config.phantom.clone())?)
+                let mut config = self.config.clone();
+                config.run.phantom.clone_from(name);
+                Ok(config.phantom_settings()?)
             })
             .collect()
     }

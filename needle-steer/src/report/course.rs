@@ -222,6 +222,7 @@ impl Course {
                 t.depth_mm, t.offset_mm, t.angle_deg
             ),
             config::TargetKind::Stereo => format!("{:?} mm in the stereo frame", t.position_mm),
+            config::TargetKind::World => format!("{:?} mm in World", t.position_mm),
         };
         add("target", target);
         for (name, version) in &self.info.versions {

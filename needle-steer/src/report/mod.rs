@@ -43,6 +43,16 @@ pub enum ReportError {
         /// Why.
         source: std::io::Error,
     },
+    /// The folder is of no run, campaign or experiments.
+    #[error(
+        "{}: no results in it: neither run.mcap (of run), campaign.toml (of campaign) nor \
+         reproduce.json (of reproduce)",
+        folder.display()
+    )]
+    NoResults {
+        /// The folder.
+        folder: PathBuf,
+    },
     /// The file holds no results of `reproduce`.
     #[error("{}: no results of `reproduce`: {source}", file.display())]
     Results {
@@ -67,12 +77,22 @@ pub enum ReportError {
 /// # Errors
 /// See [`ReportError`].
 pub fn report(of: &Path) -> Result<Page, ReportError> {
-    if of.is_dir() && !of.join("run.mcap").exists() {
-        distributions::campaign(of)
-    } else if of.extension().is_some_and(|e| e == "json") {
+    if of.is_dir() {
+        let holds = |name: &str| Some(of.join(name)).filter(|file| file.exists());
+        return if let Some(log) = holds("run.mcap") {
+            run(&log)
+        } else if let Some(results) = holds("reproduce.json") {
+            distributions::experiments(&results)
+        } else if holds("campaign.toml").is_some() {
+            distributions::campaign(of)
+        } else {
+            Err(ReportError::NoResults {
+                folder: of.to_owned(),
+            })
+        };
+    }
+    if of.extension().is_some_and(|e| e == "json") {
         distributions::experiments(of)
-    } else if of.is_dir() {
-        run(&of.join("run.mcap"))
     } else {
         run(of)
     }

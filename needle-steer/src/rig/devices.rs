@@ -66,8 +66,7 @@ impl Place {
         pace: Pace,
         plant: Option<PlantMaker>,
     ) -> Result<Devices, RigBuildError> {
-        let settings =
-            phantom::Settings::preset(&config.run.phantom)?.overridden(config.phantom.clone())?;
+        let settings = config.phantom_settings()?;
         let stereo_from_world = *self.stereo.stereo_from_world();
         let setup = Setup {
             world_from_phantom: config.world_from_entry(),

@@ -235,8 +235,8 @@ impl Demand {
         let (ahead, aside) = match target.kind {
             TargetKind::Aligned => (target.depth_mm, 0.0),
             TargetKind::Shifted | TargetKind::Marker => (target.depth_mm, target.offset_mm),
-            // Where it lies is known when the cameras see it.
-            TargetKind::Stereo => (0.5 * config.needle.length_mm, 0.0),
+            // Where it lies to the tip is known when the needle is seen.
+            TargetKind::Stereo | TargetKind::World => (0.5 * config.needle.length_mm, 0.0),
         };
         let tilt = (TILT_FOR_ASIDE * aside / ahead.max(1.0)).max(LEAST_TILT);
         let limits_offset = config.limits.base_offset_mm * 1e-3;

@@ -184,9 +184,7 @@ pub(super) fn confirmed(ended: &Ended, cause: Cause, config: &Config, truths: &T
 
 /// The phantom's settings; a configuration that was run has some.
 fn phantom_of(config: &Config) -> phantom::Settings {
-    phantom::Settings::preset(&config.run.phantom)
-        .and_then(|preset| preset.overridden(config.phantom.clone()))
-        .unwrap_or_default()
+    config.phantom_settings().unwrap_or_default()
 }
 
 /// The true tip at `t`, from the last two exposures.

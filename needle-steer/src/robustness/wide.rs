@@ -126,6 +126,8 @@ fn draw_tissue(dice: &mut Dice, set: &mut impl FnMut(&str, f64)) {
 
 /// The controller is told the defaults, whatever the needle is.
 fn draw_needle(dice: &mut Dice, set: &mut impl FnMut(&str, f64)) {
+    // Apart from what is told below.
+    set("phantom.needle.bevel_deg", 24.0);
     if dice.one_in(2.0) {
         set("phantom.needle.young_gpa", dice.log(40.0, 300.0));
     }

@@ -3,12 +3,12 @@
 use hal::Position;
 use hal::frame::LeftCamera;
 use hybrid_control::{
-    Means, ReachMonitor, Unreachable, lateral_error, reachable_at_start, target_ahead,
+    Means, Reach, ReachMonitor, Unreachable, lateral_error, reachable_at_start, target_ahead,
 };
 use nalgebra::{Point3, Vector3};
 
 use super::{Insertion, REACH_TOLERANCE, RunError};
-use crate::aim::{Aimed, Answer, TargetRefused, nominal_target};
+use crate::aim::{Aimed, Answer, TargetRefused, given_target, nominal_target};
 use crate::bearings::freedom;
 use crate::config::{Config, TargetKind};
 use crate::controls::{Aim, Controls};
@@ -32,6 +32,40 @@ pub fn check_target(
 }
 
 impl Insertion<'_> {
+    /// Where the target is expected before anything moves, in words: in both frames, and what
+    /// steering has to give.
+    ///
+    /// # Errors
+    /// It may not be gone to.
+    pub fn preview(&self, config: &Config) -> Result<String, TargetRefused> {
+        let aimed = self.check_target(config)?;
+        let world_from_camera = self.rig.bearings.world_from_left_camera;
+        let in_camera = self.given_target.unwrap_or_else(|| {
+            world_from_camera.inverse() * Position::new(self.expected_target(config).into())
+        });
+        let [world, camera] = [*(world_from_camera * in_camera).point(), *in_camera.point()]
+            .map(|p| format!("({:.1}, {:.1}, {:.1})", p.x * 1e3, p.y * 1e3, p.z * 1e3));
+        let Aimed { ahead, aside, .. } = aimed;
+        let mut words = format!(
+            "target: {:.1} mm ahead of the tip, {:.1} mm beside its axis; World {world} mm, left \
+             camera {camera} mm",
+            ahead * 1e3,
+            aside * 1e3
+        );
+        if let Some(Reach {
+            miss,
+            most: Some(most),
+        }) = aimed.reach
+        {
+            let (miss, most) = (miss * 1e3, most * 1e3);
+            let margin = most - miss;
+            words += &format!(
+                "\nreach: {miss:.1} mm to be steered, {most:.1} mm can be: {margin:.1} mm are left"
+            );
+        }
+        Ok(words)
+    }
+
     /// Refuses a target that cannot be reached, as far as it is known before the start.
     pub(super) fn check_target(&self, config: &Config) -> Answer {
         let world_from_camera = self.rig.bearings.world_from_left_camera;
@@ -58,18 +92,20 @@ impl Insertion<'_> {
             return Err(Unreachable::NoMeans { law }.into());
         }
         let reachable = reachable_at_start(estimator, &at_rest, self.cycle.limits(), means);
-        match reachable {
+        let reach = match reachable {
+            Ok(reach) => Some(reach),
             Err(why @ (Unreachable::NonFinite | Unreachable::Behind { .. })) => {
                 return Err(why.into());
             }
             Err(why) if config.run.check_reach => return Err(why.into()),
-            _ => {}
-        }
+            Err(_) => None,
+        };
         // The tip's plane is what passes a target, however the needle is bent.
         let tip = self.cycle.telemetry().world_from_tip;
         let aimed = Aimed {
             ahead: target_ahead(tip.isometry(), target),
             aside: lateral_error(tip.isometry(), target),
+            reach,
         };
         if aimed.ahead <= 0.0 {
             let behind_mm = -aimed.ahead * 1e3;
@@ -141,7 +177,14 @@ impl Insertion<'_> {
             });
         };
         if let Some(target) = self.given_target {
-            self.watch(target);
+            // The truth of a point in World is that point, wherever the cameras see it.
+            let in_world = given_target(config, &registered) == Some(target)
+                && config.target.kind == TargetKind::World;
+            if in_world {
+                world.watch(config.target.point().coords);
+            } else {
+                self.watch(target);
+            }
             return target;
         }
         let target = match config.target.kind {

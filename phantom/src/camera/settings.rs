@@ -3,12 +3,13 @@
 //! "Assumed" values have no source in \[Chevrie2016\]; they are typical of machine-vision cameras
 //! before a gelatin phantom.
 
+use documented::DocumentedFields;
 use serde::{Deserialize, Serialize};
 
 use crate::settings::{SettingsError, within};
 
 /// The stereo rig: two cameras, each square to its own wall of the gel's container.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraSettings {
     /// Width of both images \[px\].
@@ -45,8 +46,28 @@ pub struct CameraSettings {
     pub calibration: CalibrationSettings,
 }
 
+impl CameraSettings {
+    /// What a key means, `key` or `table.key`: its documentation.
+    pub fn meaning(key: &str) -> Option<&'static str> {
+        let Some((table, key)) = key.split_once('.') else {
+            return Self::get_field_docs(key).ok();
+        };
+        match table {
+            "container" => ContainerSettings::get_field_docs(key),
+            "backlight" => BacklightSettings::get_field_docs(key),
+            "optics" => OpticsSettings::get_field_docs(key),
+            "bubbles" => BubbleSettings::get_field_docs(key),
+            "noise" => NoiseSettings::get_field_docs(key),
+            "delivery" => DeliverySettings::get_field_docs(key),
+            "calibration" => CalibrationSettings::get_field_docs(key),
+            _ => return None,
+        }
+        .ok()
+    }
+}
+
 /// Container and gel. Indices are assumed: 1.49 is acrylic glass; gelatin has 1.34-1.36.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContainerSettings {
     /// From the gel's centre to the inner faces of the walls \[mm\].
@@ -62,7 +83,7 @@ pub struct ContainerSettings {
 }
 
 /// White screen behind the gel.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(default, deny_unknown_fields)]
 pub struct BacklightSettings {
     /// Grey level of the screen at the image's centre.
@@ -84,7 +105,7 @@ pub struct BacklightSettings {
 }
 
 /// Lens and needle's surface.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(default, deny_unknown_fields)]
 pub struct OpticsSettings {
     /// Standard deviation of the Gaussian point-spread function \[px\].
@@ -98,7 +119,7 @@ pub struct OpticsSettings {
 }
 
 /// Bubbles in the gel, at random places.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(default, deny_unknown_fields)]
 pub struct BubbleSettings {
     /// Number of bubbles.
@@ -111,7 +132,7 @@ pub struct BubbleSettings {
 
 /// The sensor's noise. Shot noise is taken as Gaussian of the Poisson variance: with the
 /// hundreds of electrons of even a dark pixel the two are alike.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(default, deny_unknown_fields)]
 pub struct NoiseSettings {
     /// Standard deviation of the read-out noise \[grey\].
@@ -122,7 +143,7 @@ pub struct NoiseSettings {
 }
 
 /// Latency and drops.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(default, deny_unknown_fields)]
 pub struct DeliverySettings {
     /// Shortest time from exposure to delivery \[ms\].
@@ -134,7 +155,7 @@ pub struct DeliverySettings {
 }
 
 /// Errors of what the controller is told about the rig.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(default, deny_unknown_fields)]
 pub struct CalibrationSettings {
     /// Number of views of the calibration whose covariance the error of intrinsics and

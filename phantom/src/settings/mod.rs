@@ -7,6 +7,7 @@
 mod preset;
 mod validate;
 
+use documented::DocumentedFields;
 use serde::{Deserialize, Serialize};
 
 pub use preset::PRESETS;
@@ -15,7 +16,7 @@ pub use validate::SettingsError;
 pub(crate) use validate::{is_pose, placed, within};
 
 /// Everything about the simulated needle, tissue, fast sensor and robot, but the cameras.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// The needle.
@@ -38,8 +39,28 @@ pub struct Settings {
     pub spread: SpreadSettings,
 }
 
+impl Settings {
+    /// What a key means, `table.key`: its documentation.
+    pub fn meaning(key: &str) -> Option<&'static str> {
+        let (table, key) = key.split_once('.')?;
+        match table {
+            "needle" => NeedleSettings::get_field_docs(key),
+            "tissue" => TissueSettings::get_field_docs(key),
+            "tip" => TipSettings::get_field_docs(key),
+            "friction" => FrictionSettings::get_field_docs(key),
+            "entry" => EntrySettings::get_field_docs(key),
+            "motion" => MotionSettings::get_field_docs(key),
+            "sensor" => SensorSettings::get_field_docs(key),
+            "robot" => RobotSettings::get_field_docs(key),
+            "spread" => SpreadSettings::get_field_docs(key),
+            _ => return None,
+        }
+        .ok()
+    }
+}
+
 /// The needle.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct NeedleSettings {
     /// Free length from the holder to O (paper).
@@ -76,7 +97,7 @@ impl Default for NeedleSettings {
 }
 
 /// A layer of tissue, from its depth to the next layer's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields)]
 pub struct Layer {
     /// Depth at which the layer begins.
@@ -91,7 +112,7 @@ pub struct Layer {
 
 /// The tissue beside the shaft: force per length `K u (1 + a (u/d)^2)` on the displacement
 /// `u` from the cut path, less what relaxes; `d` is the outer diameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct TissueSettings {
     /// Stiffness per length K before relaxation (paper's start value; 5e3-3e4).
@@ -133,7 +154,7 @@ impl Default for TissueSettings {
 /// The tissue at the tip. The path goes on along the tip's direction turned by
 /// `cut_angle b - compliance F` (vectors): `b` the material bevel direction, `F` the lateral
 /// force of the tissue on the tip.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct TipSettings {
     /// Angle gamma_0 between the path and the tip's direction (computed from the paper's miss).
@@ -174,7 +195,7 @@ impl Default for TipSettings {
 }
 
 /// Friction between shaft and tissue, axial and, at half the diameter, torsional.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct FrictionSettings {
     /// Sliding friction per length (assumed; 5-30, sticky 100).
@@ -197,7 +218,7 @@ impl Default for FrictionSettings {
 
 /// Entry sliding: a skin on the gel whose hole pulls at the shaft and slides along the surface.
 /// Without `skin_n_m` there is none. All assumed.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct EntrySettings {
     /// Stiffness with which the skin holds the shaft along the surface; 0 means no skin
@@ -224,7 +245,7 @@ impl Default for EntrySettings {
 }
 
 /// Motion of the tissue, in the phantom frame (z into the gel). All assumed.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotionSettings {
     /// Amplitude of breathing at the surface, a cos^4 of time (2-15).
@@ -259,7 +280,7 @@ impl Default for MotionSettings {
 }
 
 /// The fast sensor: shape points and tip without images.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorSettings {
     /// Rate of exposures.
@@ -293,7 +314,7 @@ impl Default for SensorSettings {
 }
 
 /// Flaws of the robot and of the needle's mounting. All assumed.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobotSettings {
     /// Hidden kinematic error that varies over the workspace: position, standard deviation per
@@ -332,7 +353,7 @@ impl Default for RobotSettings {
 }
 
 /// What is drawn anew for every run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]
 pub struct SpreadSettings {
     /// Tissue stiffness, log-normal about its setting, standard deviation over mean.

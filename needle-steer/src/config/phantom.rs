@@ -1,0 +1,182 @@
+//! The simulated world that a configuration means: the preset, the needle that the controller is
+//! told, and what `[phantom]` says otherwise.
+
+use phantom::{Settings, SettingsError};
+
+use super::{Config, Invalid, Needle};
+
+/// A key of `[phantom.needle]` and where `[needle]` has it.
+struct Followed {
+    key: &'static str,
+    told: &'static str,
+    value: fn(&Needle) -> f64,
+}
+
+const FOLLOWED: [Followed; 5] = [
+    Followed {
+        key: "length_mm",
+        told: "length_mm",
+        value: |needle| needle.length_mm,
+    },
+    Followed {
+        key: "outer_diameter_mm",
+        told: "outer_diameter_mm",
+        value: |needle| needle.outer_diameter_mm,
+    },
+    Followed {
+        key: "inner_diameter_mm",
+        told: "inner_diameter_mm",
+        value: |needle| needle.inner_diameter_mm,
+    },
+    Followed {
+        key: "young_gpa",
+        told: "young_modulus_gpa",
+        value: |needle| needle.young_modulus_gpa,
+    },
+    Followed {
+        key: "bevel_deg",
+        told: "bevel_deg",
+        value: |needle| needle.bevel_deg,
+    },
+];
+
+/// Shear modulus over Young's: Poisson's ratio 0.3, of steel and near that of Nitinol.
+const SHEAR_RATIO: f64 = 1.0 / 2.6;
+
+impl Config {
+    /// The phantom's settings: the preset's, with the keys of `[needle]` that are not the
+    /// defaults, and with those of `[phantom]` before all others.
+    ///
+    /// # Errors
+    /// No preset of the name; an unknown key, a wrong type or a value outside its range.
+    pub fn phantom_settings(&self) -> Result<Settings, SettingsError> {
+        let usual = Needle::default();
+        let mut needle = toml::Table::new();
+        for followed in &FOLLOWED {
+            let value = (followed.value)(&self.needle);
+            if value != (followed.value)(&usual) {
+                needle.insert(followed.key.to_owned(), value.into());
+            }
+        }
+        if needle.contains_key("young_gpa") {
+            let shear = self.needle.young_modulus_gpa * SHEAR_RATIO;
+            needle.insert("shear_gpa".to_owned(), shear.into());
+        }
+        for (key, value) in self.apart() {
+            needle.insert(key.clone(), value.clone());
+        }
+        let mut changes = self.phantom.clone();
+        changes.insert("needle".to_owned(), needle.into());
+        Settings::preset(&self.run.phantom)?.overridden(changes)
+    }
+
+    /// What `[phantom.needle]` says.
+    fn apart(&self) -> impl Iterator<Item = (&String, &toml::Value)> {
+        let table = self.phantom.get("needle").and_then(toml::Value::as_table);
+        table.into_iter().flatten()
+    }
+
+    /// In which properties the simulated needle is not the one that the controller is told: a line
+    /// each.
+    pub fn needle_differences(&self) -> Vec<String> {
+        let Ok(settings) = self.phantom_settings() else {
+            return Vec::new();
+        };
+        let simulated = toml::Table::try_from(settings.needle).unwrap_or_default();
+        FOLLOWED
+            .iter()
+            .filter_map(|followed| {
+                let told = (followed.value)(&self.needle);
+                let simulated = simulated.get(followed.key)?.as_float()?;
+                (simulated != told).then(|| {
+                    format!(
+                        "phantom.needle.{} = {simulated}, the controller is told needle.{} = {told}",
+                        followed.key, followed.told
+                    )
+                })
+            })
+            .collect()
+    }
+
+    pub(super) fn validate_phantom(&self) -> Result<(), Invalid> {
+        let error = match self.phantom_settings() {
+            Ok(_) => return Ok(()),
+            Err(error) => error,
+        };
+        let key = match &error {
+            SettingsError::UnknownPreset { .. } => "run.phantom".to_owned(),
+            SettingsError::OutOfRange { key, .. } | SettingsError::Inconsistent { key, .. } => {
+                self.origin_of(key)
+            }
+            SettingsError::Pose { .. } | SettingsError::Syntax(_) => "phantom".to_owned(),
+        };
+        let problem = match error {
+            SettingsError::OutOfRange {
+                value,
+                lowest,
+                highest,
+                ..
+            } => format!("expected {lowest} to {highest}, found {value}"),
+            SettingsError::Inconsistent { expected, .. } => expected.to_owned(),
+            other => other.to_string(),
+        };
+        Err(Invalid { key, problem })
+    }
+
+    /// The key of the configuration that set a key of the phantom.
+    fn origin_of(&self, key: &str) -> String {
+        let told = FOLLOWED.iter().find_map(|followed| {
+            let followed_here = key.strip_prefix("needle.") == Some(followed.key)
+                && !self.apart().any(|(apart, _)| apart == followed.key);
+            followed_here.then(|| format!("needle.{}", followed.told))
+        });
+        told.unwrap_or_else(|| format!("phantom.{key}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config;
+
+    fn of(overrides: &[&str]) -> Config {
+        let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
+        config::load(None, &overrides).unwrap()
+    }
+
+    #[test]
+    fn the_simulated_needle_is_the_told_one_unless_said_otherwise() {
+        let default = of(&[]);
+        let preset = Settings::preset("paper").unwrap();
+        assert_eq!(default.phantom_settings().unwrap(), preset);
+        assert!(default.needle_differences().is_empty());
+
+        let nitinol = of(&["needle.young_modulus_gpa=60", "needle.bevel_deg=30"]);
+        let needle = nitinol.phantom_settings().unwrap().needle;
+        assert_eq!((needle.young_gpa, needle.bevel_deg), (60.0, 30.0));
+        assert!((needle.shear_gpa - 23.08).abs() < 0.01, "{needle:?}");
+        assert!(nitinol.needle_differences().is_empty());
+
+        let wrong = of(&["needle.young_modulus_gpa=60", "phantom.needle.young_gpa=75"]);
+        assert_eq!(wrong.phantom_settings().unwrap().needle.young_gpa, 75.0);
+        let differences = wrong.needle_differences();
+        assert_eq!(differences.len(), 1);
+        assert!(differences[0].contains("75") && differences[0].contains("60"));
+    }
+
+    #[test]
+    fn a_needle_that_cannot_be_simulated_is_refused_by_the_key_that_gave_it() {
+        let mut config = of(&[]);
+        config.needle.bevel_deg = 1.0;
+        let refused = config.validate().unwrap_err();
+        assert_eq!(refused.key, "needle.bevel_deg");
+        assert!(refused.problem.contains("5 to 85"), "{refused:?}");
+        config
+            .phantom
+            .insert("needle".into(), toml::toml! { bevel_deg = 2.0 }.into());
+        assert_eq!(
+            config.validate().unwrap_err().key,
+            "phantom.needle.bevel_deg"
+        );
+    }
+}
