@@ -279,7 +279,9 @@ mod tests {
         let check = |x: f64, z: f64, limits: &Limits| {
             reachable_at_start(&estimator, &Point3::new(x, 0.0, z), limits, both)
         };
-        assert_eq!(check(0.01, 0.08, &limits), Ok(()));
+        let reach = check(0.01, 0.08, &limits).unwrap();
+        assert!((reach.miss - 0.01).abs() < 2e-3, "{reach:?}");
+        assert!(reach.most.is_some_and(|most| most > 0.015), "{reach:?}");
         assert!(matches!(
             check(0.0, -0.01, &limits),
             Err(Unreachable::Behind { behind_mm }) if (behind_mm - 10.0).abs() < 1.5

@@ -150,6 +150,8 @@ fn keys(table: &Table) -> Vec<String> {
 mod tests {
     use super::*;
 
+    type Meaning = fn(&str) -> Option<&'static str>;
+
     #[test]
     fn comments_go_with_their_keys() {
         let found = sections("# file\n\n[a] # about a\nx = 1 # one\n# two\n# lines\ny = \"z\"\n");
@@ -182,7 +184,6 @@ mod tests {
             }
         }
         assert!(count > 80, "{count}");
-        type Meaning = fn(&str) -> Option<&'static str>;
         let tables: [(_, Meaning); 2] = [
             (Table::try_from(Settings::default()), Settings::meaning),
             (

@@ -1,5 +1,7 @@
 //! Where an insertion goes: checked whenever a target comes, placed when steering begins.
 
+use core::fmt::Write;
+
 use hal::Position;
 use hal::frame::LeftCamera;
 use hybrid_control::{
@@ -59,7 +61,8 @@ impl Insertion<'_> {
         {
             let (miss, most) = (miss * 1e3, most * 1e3);
             let margin = most - miss;
-            words += &format!(
+            let _ = write!(
+                words,
                 "\nreach: {miss:.1} mm to be steered, {most:.1} mm can be: {margin:.1} mm are left"
             );
         }
