@@ -6,7 +6,7 @@
     reason = "a failed step is a failed test"
 )]
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
@@ -84,7 +84,7 @@ struct Controller {
 
 impl Controller {
     fn at(joints: [f64; 6]) -> Self {
-        let joints = joints.map(|q| q.to_string()).join(",");
+        let joints = joints.map(|q| q.to_degrees().to_string()).join(",");
         let mut process = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
             .args([
                 "emulate",
@@ -94,8 +94,8 @@ impl Controller {
                 "--state-port",
                 "0",
             ])
-            .arg(format!("--joints={joints}"))
-            .stdin(Stdio::null())
+            .arg(format!("--joints-deg={joints}"))
+            .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
@@ -106,6 +106,15 @@ impl Controller {
             address.parse::<SocketAddr>().unwrap().port()
         });
         Self { process, ports }
+    }
+
+    /// A fault, or its end.
+    fn say(&mut self, line: &str) {
+        let input = self.process.stdin.as_mut().unwrap();
+        writeln!(input, "{line}").unwrap();
+        input.flush().unwrap();
+        // Read by a thread of its own.
+        std::thread::sleep(std::time::Duration::from_millis(300));
     }
 
     /// Where the arm stands, by a dry run that moves nothing.
@@ -154,6 +163,27 @@ fn the_arm_of_another_process_moves_in_air_and_only_then() {
         assert!(ended.starts_with("stopped"), "attempt {attempt}: {ended}");
     }
     panic!("three attempts missed the driver's deadlines");
+}
+
+#[test]
+fn faults_can_be_rehearsed_on_the_emulated_controller() {
+    let mut controller = Controller::at(start());
+    let [motion, state] = controller.ports;
+    for (fault, end, told) in [
+        ("e-stop", "release", "emergency stop"),
+        ("manual", "automatic", "manual"),
+        ("silent", "speak", "no "),
+    ] {
+        controller.say(fault);
+        let output = run_on(motion, state, &["--dry-run=air"]);
+        let message = stderr(&output) + &String::from_utf8_lossy(&output.stdout);
+        assert!(!output.status.success(), "{fault}: {message}");
+        assert!(message.to_lowercase().contains(told), "{fault}: {message}");
+        controller.say(end);
+        controller.say("power on");
+    }
+    let shown = controller.joints();
+    assert!(apart(&shown, &start()) < 1e-4, "{shown:?}");
 }
 
 #[test]

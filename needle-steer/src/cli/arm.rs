@@ -66,7 +66,7 @@ impl ArmArgs {
 pub(super) struct FkArgs {
     #[command(flatten)]
     arm: ArmArgs,
-    /// Joint positions \[rad\], comma-separated; once for each pose.
+    /// Joint positions [rad], comma-separated; once for each pose.
     #[arg(long, required = true, allow_hyphen_values = true)]
     joints: Vec<String>,
     /// Accepted for symmetry; the output is always JSON.

@@ -106,7 +106,7 @@ pub(super) struct MonoArgs {
     /// dictionary; parts of it count), circles:4x11 (asymmetric grid).
     #[arg(long)]
     board: String,
-    /// Side of a square, of circles the distance of two rows \[mm\].
+    /// Side of a square, of circles the distance of two rows [mm].
     #[arg(long)]
     square_mm: f64,
     /// Model of the lens.

@@ -37,7 +37,7 @@ pub(super) struct StereoArgs {
     /// dictionary; parts of it count), circles:4x11 (asymmetric grid).
     #[arg(long)]
     board: String,
-    /// Side of a square, of circles the distance of two rows \[mm\].
+    /// Side of a square, of circles the distance of two rows [mm].
     #[arg(long)]
     square_mm: f64,
     /// Folder for `report.html`, `left.yaml`, `right.yaml`, `stereo.yml`, and `camchain.yaml`
@@ -60,7 +60,7 @@ pub(super) struct RegisterArgs {
     /// extrinsics).
     #[arg(long, required = true, num_args = 1..=2)]
     calibration: Vec<PathBuf>,
-    /// Unit of the calibration's lengths \[mm\], where it is not the metre: 1 for millimetres.
+    /// Unit of the calibration's lengths [mm], where it is not the metre: 1 for millimetres.
     #[arg(long)]
     unit_mm: Option<f64>,
     /// File for the registration (JSON).

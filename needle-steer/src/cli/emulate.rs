@@ -14,10 +14,11 @@ use robots::viper::{Dialect, Emulator};
 
 use super::Usage;
 use super::arm::numbers;
+use super::faults;
 use super::run::interrupt_flag;
 use crate::clock::WallTime;
-use crate::config;
-use crate::config::quoted;
+use crate::config::{self, Config, quoted};
+use crate::rig;
 use crate::ros::Watchdog;
 
 /// Emulated hardware.
@@ -74,9 +75,17 @@ pub(super) struct ViperArgs {
     /// Port of the feedback; the program's own by default, 0 for any.
     #[arg(long)]
     state_port: Option<u16>,
-    /// Where the arm stands \[rad\], comma-separated.
+    /// Where the arm stands [rad], comma-separated.
     #[arg(long, default_value = "0,-1.2,2.8,0,1.5,0", allow_hyphen_values = true)]
     joints: String,
+    /// The same [deg], as runs print it.
+    #[arg(
+        long,
+        value_name = "JOINTS",
+        allow_hyphen_values = true,
+        conflicts_with = "joints"
+    )]
+    joints_deg: Option<String>,
 }
 
 pub(super) fn execute(command: &EmulateCommand) -> anyhow::Result<ExitCode> {
@@ -110,13 +119,40 @@ fn ros(args: &RosArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Refuses a place in which the Viper cannot stand.
+fn check_limits(joints: &[f64]) -> Result<(), Usage> {
+    let chain = rig::chain(&Config::default()).map_err(|e| Usage(e.to_string()))?;
+    for (k, (x, limits)) in joints.iter().zip(chain.limits()).enumerate() {
+        let (x, from, to) = (
+            x.to_degrees(),
+            limits.lower.to_degrees(),
+            limits.upper.to_degrees(),
+        );
+        if !(from..=to).contains(&x) {
+            return Err(Usage(format!(
+                "joint {}: {x:.1} deg, expected {from:.1} to {to:.1} deg (--joints takes radians, \
+                 --joints-deg degrees)",
+                k + 1
+            )));
+        }
+    }
+    Ok(())
+}
+
 fn viper(args: &ViperArgs) -> anyhow::Result<ExitCode> {
     let (dialect, ports) = match args.dialect {
         Program::Steer => (Dialect::Steer, [11_010, 11_012]),
         Program::Adept2018 => (Dialect::Adept2018, [11_000, 11_002]),
     };
-    let start = Joints::from_slice(&numbers(&args.joints, 6, "--joints")?)
-        .map_err(|e| Usage(e.to_string()))?;
+    let start = match &args.joints_deg {
+        Some(degrees) => numbers(degrees, 6, "--joints-deg")?
+            .iter()
+            .map(|x| x.to_radians())
+            .collect(),
+        None => numbers(&args.joints, 6, "--joints")?,
+    };
+    check_limits(&start)?;
+    let start = Joints::from_slice(&start).map_err(|e| Usage(e.to_string()))?;
     let ports = [
         args.motion_port.unwrap_or(ports[0]),
         args.state_port.unwrap_or(ports[1]),
@@ -128,8 +164,9 @@ fn viper(args: &ViperArgs) -> anyhow::Result<ExitCode> {
     })
     .context("installing the signal handler")?;
     let clock = WallTime::start();
+    let emulator = Emulator::new(EmulatorConfig::viper(dialect, start));
     let server = Server::start(
-        Emulator::new(EmulatorConfig::viper(dialect, start)),
+        emulator.clone(),
         args.listen,
         ports,
         Some(Arc::new(move || clock.now())),
@@ -140,6 +177,8 @@ fn viper(args: &ViperArgs) -> anyhow::Result<ExitCode> {
         server.motion,
         server.state
     )?;
+    writeln!(std::io::stderr(), "{}", faults::HELP)?;
+    faults::listen(emulator)?;
     interrupted.recv().context("waiting for Ctrl-C")?;
     Ok(ExitCode::SUCCESS)
 }

@@ -11,6 +11,7 @@ mod check;
 mod dead_man;
 mod emulate;
 mod estimate;
+mod faults;
 mod model;
 mod relay;
 mod replay;

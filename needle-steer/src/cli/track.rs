@@ -34,33 +34,33 @@ pub(super) struct TrackArgs {
     /// `camera_info`, Kalibr.
     #[arg(long, required = true, num_args = 1..=2)]
     calibration: Vec<PathBuf>,
-    /// Unit of the calibration's lengths \[mm\], where it is not the metre: 1 for millimetres.
+    /// Unit of the calibration's lengths [mm], where it is not the metre: 1 for millimetres.
     #[arg(long)]
     unit_mm: Option<f64>,
     /// One camera only: the plane in which the needle moves, in the camera's frame (x right, y
-    /// down, z ahead), as a point \[mm\] and a normal: x,y,z,nx,ny,nz. At right angles to the view
+    /// down, z ahead), as a point [mm] and a normal: x,y,z,nx,ny,nz. At right angles to the view
     /// at 350 mm: 0,0,350,0,0,1.
     #[arg(long, allow_hyphen_values = true)]
     plane: Option<String>,
-    /// How far off the plane the needle may be (1 sigma) \[mm\]; part of the tip's covariance.
+    /// How far off the plane the needle may be (1 sigma) [mm]; part of the tip's covariance.
     #[arg(long, default_value_t = 0.5, requires = "plane")]
     plane_sigma_mm: f64,
     /// File for the results: a JSON line a frame. Nothing is written over.
     #[arg(long)]
     out: PathBuf,
-    /// Length of the bevel along the needle's axis \[mm\]; 0 for a flat tip.
+    /// Length of the bevel along the needle's axis [mm]; 0 for a flat tip.
     #[arg(long, default_value_t = 0.0)]
     bevel_mm: f64,
-    /// Outer diameter of the needle \[mm\]: a hint, the width in the images counts.
+    /// Outer diameter of the needle [mm]: a hint, the width in the images counts.
     #[arg(long, default_value_t = 0.7)]
     diameter_mm: f64,
-    /// Blur of the images, as a Gaussian \[px\]; without, it is found in the images.
+    /// Blur of the images, as a Gaussian [px]; without, it is found in the images.
     #[arg(long)]
     blur_px: Option<f64>,
     /// The needle is brighter than what is behind it; without, that is found in the images.
     #[arg(long)]
     bright: bool,
-    /// Two points on the needle in the first left image, its tip second: x,y,x,y \[px\]. Without,
+    /// Two points on the needle in the first left image, its tip second: x,y,x,y [px]. Without,
     /// the needle is sought.
     #[arg(long, allow_hyphen_values = true)]
     start_left: Option<String>,
@@ -71,7 +71,7 @@ pub(super) struct TrackArgs {
     /// considered in blue; made if missing.
     #[arg(long)]
     overlay: Option<PathBuf>,
-    /// Rate at which the images were taken \[Hz\].
+    /// Rate at which the images were taken [Hz].
     #[arg(long, default_value_t = 30.0)]
     rate_hz: f64,
     /// Print a summary as JSON.

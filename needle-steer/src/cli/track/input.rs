@@ -161,7 +161,7 @@ fn appearance(args: &TrackArgs) -> Result<Appearance, Usage> {
 }
 
 fn hints(args: &TrackArgs) -> Result<Hints, Usage> {
-    /// Blurs that a needle can be found in \[px\].
+    /// Blurs that a needle can be found in [px].
     const BLURS: core::ops::RangeInclusive<f64> = 0.2..=20.0;
     if let Some(blur) = args.blur_px
         && !BLURS.contains(&blur)
