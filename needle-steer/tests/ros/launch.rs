@@ -19,6 +19,9 @@ impl Launch {
             .args(arguments)
             .env("ROS_PACKAGE_PATH", packages)
             .env("NEEDLE_STEER_BIN", BINARY)
+            // Files are named from where roslaunch is called.
+            .current_dir(master.home())
+            .env("PWD", master.home())
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::null());
@@ -129,7 +132,7 @@ fn sim_launch_runs_the_default_insertion_to_its_target() {
     let _others = among_others();
     let screen = Screen::start(&master);
     let out = master.home().join("results");
-    let results = format!("out:=--out {}", out.display());
+    let results = "out:=results".to_owned();
     let with_rviz = format!("rviz:={}", screen.is_some());
     let arguments = ["needle_steer", "sim.launch", &with_rviz, &results];
     let launch = Launch::start(&master, &arguments, screen.as_ref());
