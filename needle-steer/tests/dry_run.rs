@@ -171,7 +171,7 @@ fn faults_can_be_rehearsed_on_the_emulated_controller() {
     let [motion, state] = controller.ports;
     for (fault, end, told) in [
         ("e-stop", "release", "emergency stop"),
-        ("manual", "automatic", "manual"),
+        ("manual", "automatic", "not in automatic mode"),
         ("silent", "speak", "no "),
     ] {
         controller.say(fault);
