@@ -172,7 +172,7 @@ fn faults_can_be_rehearsed_on_the_emulated_controller() {
     for (fault, end, told) in [
         ("e-stop", "release", "emergency stop"),
         ("manual", "automatic", "not in automatic mode"),
-        ("silent", "speak", "no "),
+        ("silent", "speak", "did not report in time"),
     ] {
         controller.say(fault);
         let output = run_on(motion, state, &["--dry-run=air"]);
