@@ -263,6 +263,7 @@ mod tests {
             length: 0.126,
             bending_stiffness: 2e-2,
             cutting_edge: 1e-3,
+            guide_gap: None,
             entry: crate::view::Entry {
                 point: Point3::origin(),
                 inward: Vector3::z_axis(),

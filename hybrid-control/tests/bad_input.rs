@@ -20,6 +20,7 @@ fn start() -> (Start, Entry) {
         length: 0.126,
         bending_stiffness: 1.836e-3,
         cutting_edge: 1.57e-3,
+        guide_gap: None,
         entry,
         world_from_base,
     };

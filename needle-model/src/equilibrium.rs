@@ -181,6 +181,14 @@ impl Equilibrium {
         ];
     }
 
+    /// Another length of needle beyond the base \[m\]: it slides through its springs, as far as they
+    /// let it, when a guide lets it through.
+    pub(crate) fn set_length(&mut self, needle: Needle) {
+        self.factored_within = f64::INFINITY;
+        self.tip_length += needle.length() - self.needle.length();
+        self.needle = needle;
+    }
+
     /// Start values: nodes on the line from the base to the last rest point.
     pub(crate) fn start(&mut self) {
         self.forget_tangent();

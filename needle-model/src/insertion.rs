@@ -5,11 +5,11 @@
 //! passing a spring of its own hole), so the result does not depend on the steps' size.
 
 use nalgebra::{Isometry3, Vector3};
-use thiserror::Error;
 
 use crate::bevel::Bevel;
 use crate::equilibrium::{Convergence, Equilibrium};
 use crate::equilibrium_error::EquilibriumError;
+use crate::insertion_error::InsertionError;
 use crate::needle::Needle;
 use crate::spring::Spring;
 use crate::tip_law::Law;
@@ -78,48 +78,6 @@ impl Default for InsertionSettings {
     }
 }
 
-/// Why an insertion step was refused or failed; the needle is then back where the step began.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-pub enum InsertionError {
-    /// A setting out of range.
-    #[error("insertion setting {name} out of range, got {value}")]
-    Setting {
-        /// Its name.
-        name: &'static str,
-        /// Offending value, in SI units.
-        value: f64,
-    },
-    /// The base pose is not finite.
-    #[error("the base pose is not finite")]
-    BasePose,
-    /// A step too long for an insertion.
-    #[error("a step of {travel_m} m and {turn_rad} rad is too long")]
-    Step {
-        /// Way of the base \[m\].
-        travel_m: f64,
-        /// Turn of the base \[rad\].
-        turn_rad: f64,
-    },
-    /// The measured tip is not finite.
-    #[error("the measured tip is not finite")]
-    MeasuredTip,
-    /// The tip starts inside the tissue.
-    #[error("the needle must start outside the tissue: its tip is {depth_m} m deep")]
-    StartsInside {
-        /// Depth of the tip \[m\].
-        depth_m: f64,
-    },
-    /// A spring would be born or passed, but the place could not be found.
-    #[error("no place found for an event of the insertion (last gap {gap_m} m)")]
-    Event {
-        /// Remaining gap \[m\].
-        gap_m: f64,
-    },
-    /// No equilibrium.
-    #[error(transparent)]
-    Equilibrium(#[from] EquilibriumError),
-}
-
 /// A needle being inserted.
 #[derive(Debug, Clone)]
 pub struct Insertion {
@@ -129,6 +87,8 @@ pub struct Insertion {
     hole: Vec<Spring>,
     /// Measured tip at the end of the last insertion step.
     measured: Option<Vector3<f64>>,
+    /// Length of the needle at the beginning and at the end of the step \[m\]: they differ in a guide.
+    lengths: (f64, f64),
     /// Springs and hole before the step, should it fail.
     backup: (Vec<Spring>, Vec<Spring>),
 }
@@ -178,6 +138,7 @@ impl Insertion {
         if depth_m > EVENT_TOLERANCE {
             return Err(InsertionError::StartsInside { depth_m });
         }
+        let lengths = (needle.needle.length(), needle.needle.length());
         let law = Law {
             bevel,
             tissue,
@@ -195,6 +156,7 @@ impl Insertion {
             law,
             hole: Vec::with_capacity(64),
             measured: None,
+            lengths,
             backup: (Vec::with_capacity(64), Vec::with_capacity(64)),
         })
     }
@@ -224,6 +186,22 @@ impl Insertion {
         Ok(())
     }
 
+    /// As [`Insertion::insert`], for a needle that slides in a guide: `world_from_exit` is the pose of
+    /// the guide's exit, `length` \[m\] of needle are beyond it at the end of the step.
+    ///
+    /// # Errors
+    /// [`InsertionError`].
+    pub fn insert_through(
+        &mut self,
+        world_from_exit: &Isometry3<f64>,
+        length: f64,
+        measured_tip: Option<Vector3<f64>>,
+    ) -> Result<(), InsertionError> {
+        self.needle.needle.with_length(length)?;
+        self.lengths.1 = length;
+        self.insert(world_from_exit, measured_tip)
+    }
+
     fn step(
         &mut self,
         target: &Isometry3<f64>,
@@ -237,6 +215,7 @@ impl Insertion {
             return Err(InsertionError::MeasuredTip);
         }
         let from = *self.needle.world_from_base();
+        self.lengths.0 = self.needle.needle.length();
         self.backup.0.clone_from(&self.needle.springs);
         self.backup.1.clone_from(&self.hole);
         let law = &self.law;
@@ -245,9 +224,11 @@ impl Insertion {
         if result.is_err() {
             self.needle.springs.clone_from(&self.backup.0);
             self.hole.clone_from(&self.backup.1);
+            self.needle.set_base(&from);
+            self.set_length(self.lengths.0);
+            self.lengths.1 = self.lengths.0;
             let law = &mut self.law;
             (law.entry_axis, law.offset, law.cut, law.beta) = before;
-            self.needle.set_base(&from);
             self.needle
                 .restart(|needle, round| law.update(needle, round))?;
         }
@@ -262,7 +243,8 @@ impl Insertion {
         cutting: bool,
     ) -> Result<(), InsertionError> {
         // Sub-steps short against the pitch, so that each holds few events.
-        let travel = (target.translation.vector - from.translation.vector).norm();
+        let slid = (self.lengths.1 - self.lengths.0).abs();
+        let travel = (target.translation.vector - from.translation.vector).norm() + slid;
         let turn = from.rotation.angle_to(&target.rotation);
         let pieces = (travel / self.law.settings.pitch)
             .max(turn / 0.05)
@@ -329,9 +311,19 @@ impl Insertion {
             }
         }
         self.needle.set_base(&base);
+        let (start, end) = self.lengths;
+        if start != end {
+            self.set_length(start + (end - start) * fraction);
+        }
         let law = &mut self.law;
         self.needle
             .converge(|needle, round| law.update(needle, round))
+    }
+
+    fn set_length(&mut self, length: f64) {
+        if let Ok(needle) = self.needle.needle.with_length(length) {
+            self.needle.set_length(needle);
+        }
     }
 
     /// The event the present state has passed, and by how much \[m\].

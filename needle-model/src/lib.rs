@@ -57,6 +57,7 @@ mod case;
 mod tip_law;
 
 mod insertion;
+mod insertion_error;
 
 pub use balance::{Residuals, normal_force, shear_residual, tip_moment_residual};
 pub use bevel::{Bevel, BevelError, BevelLoad, cut_angle};
@@ -64,7 +65,8 @@ pub use case::{Case, CaseError, CaseShape};
 pub use equilibrium::{Convergence, Equilibrium};
 pub use equilibrium_error::EquilibriumError;
 pub use estimation::{Estimate, EstimationError, EstimationSettings, Estimator, Unknowns};
-pub use insertion::{Insertion, InsertionError, InsertionSettings, RestPoint};
+pub use insertion::{Insertion, InsertionSettings, RestPoint};
+pub use insertion_error::InsertionError;
 pub use jacobian::{TangentError, jacobian_in_frames};
 pub use kinematic::{
     KinematicError, KinematicTip, TipPath, effective_curvature, natural_curvature,

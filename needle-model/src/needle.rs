@@ -100,6 +100,19 @@ impl Needle {
         }
     }
 
+    /// The same needle with another length \[m\].
+    ///
+    /// # Errors
+    /// [`NeedleError`] for a length that is not finite or not positive.
+    pub fn with_length(&self, length: f64) -> Result<Self, NeedleError> {
+        Self::new(
+            length,
+            self.outer_diameter,
+            self.inner_diameter,
+            self.young_modulus,
+        )
+    }
+
     /// The steel biopsy needle of \[Chevrie2016\], section IV.A: 126 mm free, 0.70 / 0.48 mm, 200 GPa.
     pub const fn biopsy() -> Self {
         Self {

@@ -291,6 +291,7 @@ mod tests {
                     phantom: config.run.phantom.clone(),
                     seed: config.run.seed,
                     true_error_mm: Some(config.run.seed as f64 + worse),
+                    true_error_less_bias_mm: None,
                     measured_error_mm: None,
                     axial_error_mm: None,
                     max_stretch_mm: 0.0,

@@ -22,6 +22,7 @@ use vision::track::TrackSettingsError;
 pub use crate::bearings::{Bearings, base_pose};
 use crate::bearings::{entry_point, first_telemetry, freedom};
 use crate::config::Config;
+use crate::guide::Guide;
 use crate::monitor::Trace;
 use crate::monitor::plausibility::{Implausible, Plausibility};
 use crate::odometry::Odometry;
@@ -119,6 +120,7 @@ impl Cycle {
             length: needle.length(),
             bending_stiffness: needle.bending_stiffness(),
             cutting_edge: springs::bevel_length(config),
+            guide_gap: Guide::of(config).map(|guide| guide.gap),
             entry,
             world_from_base,
         };

@@ -23,6 +23,7 @@ pub mod bias;
 pub mod aim;
 pub mod controls;
 pub mod rig;
+pub mod guide;
 pub mod host;
 pub mod world;
 pub mod score;

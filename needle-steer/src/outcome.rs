@@ -228,6 +228,9 @@ pub struct Summary {
     /// Distance of the true target from the true tip axis when O's plane passes it \[mm\]; at the
     /// end for a run that ends earlier. Null without truth.
     pub true_error_mm: Option<f64>,
+    /// The same less the bias that an electromagnetic sensor's field has there \[mm\]; null with
+    /// another sensor or without truth.
+    pub true_error_less_bias_mm: Option<f64>,
     /// The same by the sensor's last measurement \[mm\].
     pub measured_error_mm: Option<f64>,
     /// True distance along the tip axis between O's plane and the target at the stop \[mm\];
@@ -274,6 +277,7 @@ impl Summary {
             phantom: config.run.phantom.clone(),
             seed: config.run.seed,
             true_error_mm: figures.and_then(|f| mm(f.lateral)),
+            true_error_less_bias_mm: figures.and_then(|f| mm(f.lateral_less_bias?)),
             measured_error_mm: mm(telemetry.lateral_error),
             axial_error_mm: figures.and_then(|f| mm(f.axial)),
             max_stretch_mm: figures.map_or(0.0, |f| f.max_stretch * 1e3),

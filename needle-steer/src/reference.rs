@@ -10,7 +10,14 @@ use toml::{Table, Value};
 use crate::config::DEFAULT_TOML;
 
 /// Presets whose values stand beside the phantom's keys.
-const PRESETS: [&str; 3] = ["ideal", "paper", "harsh"];
+const PRESETS: [&str; 6] = [
+    "ideal",
+    "paper",
+    "harsh",
+    "gel-guide",
+    "ex-vivo-guide",
+    "kinked",
+];
 
 const INTRODUCTION: &str = "# Configuration
 
@@ -117,7 +124,9 @@ fn presets(page: &mut String, presets: &[Table], meaning: fn(&str) -> Option<&'s
     for name in PRESETS {
         let _ = write!(page, " `{name}` |");
     }
-    page.push_str("\n|---|---|---|---|---|\n");
+    page.push_str("\n|---|---|");
+    page.push_str(&"---|".repeat(PRESETS.len()));
+    page.push('\n');
     for key in presets.first().map(keys).unwrap_or_default() {
         let meaning = meaning(&key).unwrap_or_default();
         let meaning = meaning.replace('\n', " ").replace('|', "\\|");

@@ -50,6 +50,9 @@ pub trait Scoring: GroundTruth {
 pub struct TrueFigures {
     /// Distance of the target from the tip axis when O's plane passed it, or at the end \[m\].
     pub lateral: f64,
+    /// The same less what the field of an electromagnetic sensor added to the tip's place there, where
+    /// the needle was seen by one \[m\].
+    pub lateral_less_bias: Option<f64>,
     /// Target ahead of O at the end \[m\].
     pub axial: f64,
     /// Largest tissue displacement \[m\].
@@ -130,6 +133,7 @@ impl Score {
         let (axial, lateral) = self.miss([tip, axis]);
         TrueFigures {
             lateral: self.passed.unwrap_or(lateral),
+            lateral_less_bias: None,
             axial,
             max_stretch: self.max_stretch,
             mean_stretch: self.sum_stretch / self.states.max(1.0),

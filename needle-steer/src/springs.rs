@@ -10,6 +10,7 @@ use needle_model::{
 };
 
 use crate::config::Config;
+use crate::guide::Guide;
 
 /// Distance of the model's start from the surface \[m\]: where the needle rests against it, its
 /// encoders may place the tip just inside.
@@ -65,9 +66,15 @@ pub fn insertion(
     config: &Config,
     world_from_base: &Isometry3<f64>,
 ) -> Result<Insertion, SpringsError> {
-    let outside = world_from_base * Isometry3::translation(0.0, 0.0, -CLEARANCE);
+    let mut outside = world_from_base * Isometry3::translation(0.0, 0.0, -CLEARANCE);
+    let mut needle = needle(config)?;
+    if let Some(guide) = Guide::of(config) {
+        let guided = guide.at(&outside);
+        outside = guided.world_from_exit;
+        needle = needle.with_length(guided.length)?;
+    }
     Ok(Insertion::new(
-        needle(config)?,
+        needle,
         Bevel::plane_cut(
             config.needle.bevel_deg.to_radians(),
             config.needle.outer_diameter_mm * 1e-3,
@@ -109,6 +116,7 @@ pub fn converged(
 /// The controller's springs model.
 #[derive(Debug)]
 pub struct SpringsModel {
+    guide: Option<Guide>,
     /// The straight needle in front of the tissue.
     fresh: Insertion,
     start_stiffness: f64,
@@ -126,6 +134,7 @@ impl SpringsModel {
         let insertion = insertion(config, world_from_base)?;
         let stiffness = config.estimator.stiffness_n_m2;
         Ok(Self {
+            guide: Guide::of(config),
             fresh: insertion.clone(),
             start_stiffness: stiffness,
             insertion,
@@ -150,8 +159,18 @@ impl SpringsModel {
             self.insertion.rescale(factor, 1.0)?;
             self.stiffness = stiffness;
         }
-        self.insertion.insert(world_from_base, measured_tip)?;
-        Ok(converged(&mut self.insertion, &mut self.sensitivities)?)
+        let Some(guide) = self.guide else {
+            self.insertion.insert(world_from_base, measured_tip)?;
+            return Ok(converged(&mut self.insertion, &mut self.sensitivities)?);
+        };
+        let guided = guide.at(world_from_base);
+        self.insertion
+            .insert_through(&guided.world_from_exit, guided.length, measured_tip)?;
+        let mut springs = converged(&mut self.insertion, &mut self.sensitivities)?;
+        let by_base = guided.exit_by_base();
+        springs.j_tip_base *= by_base;
+        springs.j_mean_stretch *= by_base;
+        Ok(springs)
     }
 
     /// Forgets the rest points: what was laid while the tissue's motion was taken for cutting is no
@@ -166,12 +185,17 @@ impl SpringsModel {
     ) -> Result<(), SpringsError> {
         let length = self.insertion.equilibrium().free_length()
             + self.insertion.equilibrium().inserted_length();
-        let axis = world_from_base.rotation * Vector3::z();
-        let off = tip - (world_from_base.translation.vector + axis * length);
-        let aside = Translation3::from(off - axis * axis.dot(&off)) * world_from_base;
+        let guided = self.guide.map(|guide| guide.at(world_from_base));
+        let held = guided.map_or(*world_from_base, |guided| guided.world_from_exit);
+        let axis = held.rotation * Vector3::z();
+        let off = tip - (held.translation.vector + axis * length);
+        let aside = Translation3::from(off - axis * axis.dot(&off)) * held;
         let mut insertion = self.fresh.clone();
         insertion.rescale(self.stiffness / self.start_stiffness, 1.0)?;
-        insertion.insert(&aside, None)?;
+        match guided {
+            Some(guided) => insertion.insert_through(&aside, guided.length, None)?,
+            None => insertion.insert(&aside, None)?,
+        }
         self.insertion = insertion;
         Ok(())
     }
@@ -254,5 +278,79 @@ mod tests {
         let shaft = [1e-3, 5e-3, 7e-3].map(|z| (Point3::new(3e-4, -4e-4, z), 1e-4));
         assert!((shaft_off(&shape, &shaft) - 5e-4).abs() < 1e-12);
         assert!(shaft_off(&shape, &[]).is_nan() && shaft_off(&[], &shaft).is_nan());
+    }
+
+    fn guided() -> Config {
+        let mut config = Config::default();
+        config.needle.support = crate::config::NeedleSupport::Guide;
+        config.needle.guide_gap_mm = 30.0;
+        config
+    }
+
+    /// Its tip after a straight insertion by 40 mm and a shift of the base by 0.5 mm.
+    fn shifted(config: &Config) -> (SpringsModel, Isometry3<f64>, Springs) {
+        let mut base = config.world_from_start_base();
+        let mut model = SpringsModel::new(config, &base).unwrap();
+        for _ in 0..40 {
+            base *= Translation3::new(0.0, 0.0, 1e-3);
+            model.update(&base, None, 2e4).unwrap();
+        }
+        base *= Translation3::new(5e-4, 0.0, 0.0);
+        let springs = model.update(&base, None, 2e4).unwrap();
+        (model, base, springs)
+    }
+
+    /// Place and axis across, in the frame of the base at the start.
+    fn across(config: &Config, springs: &Springs) -> [f64; 2] {
+        let tip = config.world_from_start_base().inverse() * springs.world_from_tip;
+        [tip.translation.x, (tip.rotation * Vector3::z()).x]
+    }
+
+    #[test]
+    fn a_needle_in_a_guide_answers_as_a_shorter_one_clamped_at_its_exit() {
+        let mut straight = guided();
+        // Beyond the bevel's load there is nothing that differs by the way of inserting.
+        straight.needle.bevel_deg = 89.0;
+        let (_, _, through) = shifted(&straight);
+        let mut short = straight.clone();
+        short.needle.support = crate::config::NeedleSupport::Base;
+        short.needle.length_mm = 70.0;
+        let (_, _, clamped) = shifted(&short);
+        let (a, b) = (across(&straight, &through), across(&short, &clamped));
+        let long = Config {
+            needle: crate::config::Needle {
+                length_mm: 126.0,
+                ..short.needle.clone()
+            },
+            ..short
+        };
+        let far = across(&long, &shifted(&long).2);
+        assert!((a[1] - b[1]).abs() < 0.03 * b[1].abs(), "{a:?} {b:?}");
+        assert!((far[1] - b[1]).abs() > 0.1 * b[1].abs(), "{far:?} {b:?}");
+    }
+
+    #[test]
+    fn derivatives_in_a_guide_are_those_of_the_base() {
+        let config = guided();
+        let (mut model, base, springs) = shifted(&config);
+        let step = 1e-5;
+        // Shift across and a turn of the base; positions in World.
+        for column in [0, 1, 3, 4] {
+            let mut twist = nalgebra::Vector6::zeros();
+            twist[column] = step;
+            let turn = Vector3::new(twist[3], twist[4], twist[5]);
+            let moved = Isometry3::from_parts(
+                Translation3::from(base.translation.vector + twist.fixed_rows::<3>(0)),
+                nalgebra::UnitQuaternion::from_scaled_axis(turn) * base.rotation,
+            );
+            let before = model.update(&base, None, 2e4).unwrap().world_from_tip;
+            let after = model.update(&moved, None, 2e4).unwrap().world_from_tip;
+            let found = (after.translation.vector - before.translation.vector) / step;
+            let said = springs.j_tip_base.fixed_view::<3, 1>(0, column);
+            assert!(
+                (found - said).norm() < 0.05 * said.norm().max(0.02),
+                "{column}: {found} {said}"
+            );
+        }
     }
 }

@@ -41,6 +41,8 @@ struct Inner {
     bench: Bench,
     stereo_from_world: Transform<LeftCamera, World>,
     score: Option<Score>,
+    /// The score of the tip as the field of an electromagnetic sensor shows it, without noise.
+    apparent: Option<Score>,
     /// Exposure whose events were taken last.
     newest: Stamp,
     /// Events since the last report.
@@ -68,6 +70,7 @@ impl SimulatedWorld {
             bench,
             stereo_from_world,
             score: None,
+            apparent: None,
             newest: Stamp::ZERO,
             events: Vec::new(),
         })))
@@ -86,14 +89,22 @@ impl SimulatedWorld {
             .bench
             .advance_to(stamp, &(inner.world_from_arm_base * base));
         inner.note_events();
-        if let Some(score) = &mut inner.score {
-            if let Some(marker) = inner.bench.marker() {
+        let (marker, bias) = (inner.bench.marker(), inner.bench.tip_bias());
+        let truth = inner.bench.truth();
+        let scores = [
+            (&mut inner.score, Some(Vector3::zeros())),
+            (&mut inner.apparent, bias),
+        ];
+        for (score, bias) in scores {
+            let (Some(score), Some(bias)) = (score, bias) else {
+                continue;
+            };
+            if let Some(marker) = marker {
                 score.follow(marker);
             }
-            let truth = inner.bench.truth();
             score.observe(
                 truth.stamp,
-                [&truth.tip(), &truth.direction()],
+                [&(truth.tip() + bias), &truth.direction()],
                 [truth.max_stretch, truth.mean_stretch],
             );
         }
@@ -179,7 +190,9 @@ impl Scoring for SimulatedWorld {
     }
 
     fn watch(&self, target: Vector3<f64>) {
-        self.lock().score = Some(Score::new(target));
+        let mut inner = self.lock();
+        inner.score = Some(Score::new(target));
+        inner.apparent = inner.bench.tip_bias().map(|_| Score::new(target));
     }
 
     fn report(&self) -> TruthReport {
@@ -195,7 +208,13 @@ impl Scoring for SimulatedWorld {
     fn figures(&self) -> Option<TrueFigures> {
         let inner = self.lock();
         let truth = inner.bench.truth();
-        Some(inner.score?.figures(&truth.tip(), &truth.direction()))
+        let (tip, axis) = (truth.tip(), truth.direction());
+        let apparent = inner.apparent.zip(inner.bench.tip_bias());
+        Some(TrueFigures {
+            lateral_less_bias: apparent
+                .map(|(score, bias)| score.figures(&(tip + bias), &axis).lateral),
+            ..inner.score?.figures(&tip, &axis)
+        })
     }
 }
 

@@ -115,6 +115,20 @@ impl Bench {
         self
     }
 
+    /// Puts the electromagnetic sensor in the place of the fast one; it measures now.
+    #[must_use]
+    pub fn with_em(mut self, settings: &Settings, setup: &Setup) -> Self {
+        self.sensor = FastSensor::em(&settings.em, &setup.left_from_world, setup.seed);
+        self.expose();
+        self
+    }
+
+    /// What the field of an electromagnetic sensor adds to the tip's place now, World \[m\]; nothing
+    /// with another sensor.
+    pub fn tip_bias(&self) -> Option<Vector3<f64>> {
+        self.sensor.bias_at(&self.truth().tip())
+    }
+
     /// The cameras, where there are any.
     pub const fn cameras(&self) -> Option<&StereoRig> {
         self.cameras.as_ref()

@@ -27,6 +27,8 @@ pub(crate) enum Purpose {
     Marker,
     MarkerDrops,
     MarkerBias,
+    Distortion,
+    Coil,
 }
 
 /// The generator of `seed` for one purpose.

@@ -17,12 +17,14 @@ pub mod given;
 pub mod draw;
 pub mod robot;
 pub mod sensor;
+pub mod em;
 pub mod marker;
 pub mod camera;
 pub mod bench;
 pub mod experiment;
 
 mod field;
+mod guide;
 mod medium;
 mod motion;
 mod path;

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::guide::Guide;
 use crate::path::{CutPath, Foot};
 use crate::resistance::Resistance;
 use crate::rod::Load;
@@ -110,12 +111,16 @@ pub(crate) struct Medium<'a> {
     pub(crate) resistance: &'a Resistance,
     pub(crate) resists: bool,
     pub(crate) skin: &'a mut Skin,
+    pub(crate) guide: Option<Guide>,
 }
 
 impl Load for Medium<'_> {
     fn add(&mut self, nodes: &[Vector3<f64>], force: &mut [Vector3<f64>], stiffness: &mut Band) {
         for (f, fixed) in force.iter_mut().zip(self.fixed) {
             *f += fixed;
+        }
+        if let Some(guide) = &self.guide {
+            guide.add(self.edge_length, nodes, force, stiffness);
         }
         let Some(path) = self.path else {
             self.contact.clear(nodes.len());

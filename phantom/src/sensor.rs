@@ -9,7 +9,8 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_chacha::ChaCha8Rng;
 
 use crate::draw::{Purpose, normal, stream, uniform};
-use crate::settings::SensorSettings;
+use crate::em::Coil;
+use crate::settings::{EmSettings, SensorSettings};
 use crate::view::NeedleView;
 
 /// A sensor of needle shapes over the truth.
@@ -22,6 +23,8 @@ pub struct FastSensor {
     bias: Vector3<f64>,
     sequence: u64,
     in_flight: VecDeque<(Stamp, SensedShape)>,
+    /// What sees the tip alone, in the place of the shape.
+    coil: Option<Coil>,
 }
 
 impl FastSensor {
@@ -39,8 +42,33 @@ impl FastSensor {
             bias: Vector3::from_fn(|_, _| normal(&mut bias)) * (settings.bias_mm * 1e-3),
             sequence: 0,
             in_flight: VecDeque::new(),
+            coil: None,
             settings: settings.clone(),
         }
+    }
+
+    /// The electromagnetic sensor of run `seed`: a coil in the tip, which shows no shaft.
+    pub fn em(
+        settings: &EmSettings,
+        left_from_world: &Transform<LeftCamera, World>,
+        seed: u64,
+    ) -> Self {
+        let timing = SensorSettings {
+            rate_hz: settings.rate_hz,
+            latency_ms: settings.latency_ms,
+            drop_fraction: settings.drop_fraction,
+            ..SensorSettings::default()
+        };
+        Self {
+            coil: Some(Coil::new(settings, seed)),
+            ..Self::new(&timing, left_from_world, seed)
+        }
+    }
+
+    /// What a distorted field adds to a tip measured at `place`, World \[m\]; nothing where there is
+    /// no such field.
+    pub fn bias_at(&self, place: &Vector3<f64>) -> Option<Vector3<f64>> {
+        Some(self.coil.as_ref()?.distortion().of_place(place))
     }
 
     /// When the next exposure is due: 0, 1, 2 ... over the rate.
@@ -62,7 +90,10 @@ impl FastSensor {
             return;
         }
         let latency = Duration::from_secs_f64(self.settings.latency_ms * 1e-3);
-        let shape = self.sense(needle, stamp, sequence);
+        let shape = match &mut self.coil {
+            Some(coil) => coil.sense(needle, &self.left_from_world, stamp, sequence),
+            None => self.sense(needle, stamp, sequence),
+        };
         self.in_flight.push_back((stamp + latency, shape));
     }
 

@@ -98,3 +98,56 @@ fn a_stage_that_is_too_short_is_refused_in_millimetres() {
         "{refused}"
     );
 }
+
+/// A thick needle through a guide in a stiff gel, as docs/REAL_NEEDLES.md has it.
+fn through_a_guide(more: &[&str]) -> Config {
+    let mut settings = vec![
+        "run.phantom=gel-guide",
+        "needle.support=\"guide\"",
+        "needle.guide_gap_mm=25.0",
+        "needle.length_mm=200.0",
+        "needle.outer_diameter_mm=1.27",
+        "needle.inner_diameter_mm=0.84",
+        "estimator.stiffness_n_m2=2.1e5",
+        "estimator.stiffness_sigma=0.1",
+        "estimator.cut_angle_deg=0.36",
+        "estimator.cut_angle_sigma=0.1",
+        "estimator.tip_compliance_deg_n=0.1",
+        "supervisor.tissue_stretch_mm=5.5",
+    ];
+    settings.extend(more);
+    placed("guide", &settings)
+}
+
+#[test]
+fn a_guide_near_the_tissue_passes_targets_by_shift() {
+    for offset in ["target.offset_mm=0", "target.offset_mm=5"] {
+        for seed in ["run.seed=1", "run.seed=2"] {
+            let off = error(&through_a_guide(&[offset, seed]));
+            assert!(off < 0.5, "{offset}, {seed}: {off} mm");
+        }
+    }
+}
+
+#[test]
+fn an_electromagnetic_tip_in_an_even_field_closes_the_loop() {
+    // What a distorted field costs is in docs/REAL_NEEDLES.md.
+    let even = [
+        "run.sensor=em",
+        "target.kind=aligned",
+        "phantom.em.distortion_mm=0.0",
+        "phantom.em.axis_distortion_mrad=0.0",
+    ];
+    let stage = placed("stage", &even);
+    let off = error(&stage);
+    assert!(off < 0.2, "{off} mm");
+    let summary = simulate(&stage).unwrap();
+    assert_eq!(summary.true_error_less_bias_mm, summary.true_error_mm);
+}
+
+#[test]
+fn a_guide_too_near_is_refused_with_its_key() {
+    let config = through_a_guide(&["needle.guide_gap_mm=0.5"]);
+    let refused = Rig::new(&config).unwrap_err().to_string();
+    assert!(refused.contains("needle.guide_gap_mm"), "{refused}");
+}

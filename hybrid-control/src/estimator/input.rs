@@ -14,6 +14,9 @@ pub struct Start {
     pub bending_stiffness: f64,
     /// Distance from O to the cutting edge, the length of the bevel \[m\].
     pub cutting_edge: f64,
+    /// Distance of a guide's exit from the surface along the insertion \[m\], where the needle slides
+    /// in one; its direction and place across are the base's.
+    pub guide_gap: Option<f64>,
     /// The entry.
     pub entry: Entry,
     /// Pose of the base with the tip at the surface, or at the present depth.

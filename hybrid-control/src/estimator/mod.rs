@@ -120,7 +120,7 @@ impl Estimator {
             bed: settings.stiffness_n_m2,
         };
         let base = world_from_insertion.inverse() * start.world_from_base;
-        let clamp = clamp_of(&base, &StiffnessFit::new(settings));
+        let clamp = clamp_of(&base, start.guide_gap, &StiffnessFit::new(settings));
         let reach = start.cutting_edge;
         let tip = base * Point3::new(0.0, 0.0, start.length + reach);
         let entry = planar(&clamp.w) - planar(&clamp.slope) * clamp.z;
@@ -260,7 +260,7 @@ impl Estimator {
                 advance(
                     present,
                     &base,
-                    self.length,
+                    (self.length, self.start.guide_gap),
                     self.depth_offset,
                     &self.constants,
                     &self.stiffness,
@@ -419,7 +419,7 @@ impl Estimator {
         advance(
             &mut self.measured,
             base,
-            self.length,
+            (self.length, self.start.guide_gap),
             self.depth_offset,
             &self.constants,
             &self.stiffness,

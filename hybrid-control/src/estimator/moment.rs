@@ -51,10 +51,15 @@ pub(super) fn tip_row(v: &Vector2<f64>) -> Row {
     row
 }
 
-/// Clamp of a base pose in the insertion frame, with the columns of unit pivot and shift.
-pub(super) fn clamp_of(base: &Isometry3<f64>, fit: &StiffnessFit) -> Clamp {
+/// Clamp of a base pose in the insertion frame, with the columns of unit pivot and shift: the base
+/// itself, or the exit of a guide at `gap` before the surface.
+pub(super) fn clamp_of(base: &Isometry3<f64>, gap: Option<f64>, fit: &StiffnessFit) -> Clamp {
     let axis = base.rotation * Vector3::z();
-    let origin = base.translation.vector;
+    let mut origin = base.translation.vector;
+    if let Some(gap) = gap {
+        let to_exit = (-gap - origin.z) / axis.z.max(0.3);
+        origin += axis * to_exit.max(0.0);
+    }
     let slope = Vector2::new(axis.x, axis.y) / axis.z.max(0.3) + fit.base_tilt();
     let w = origin.xy() + fit.base_shift();
     Clamp {
@@ -68,18 +73,19 @@ pub(super) fn clamp_of(base: &Isometry3<f64>, fit: &StiffnessFit) -> Clamp {
 pub(super) fn advance(
     m: &mut Moment,
     base: &Isometry3<f64>,
-    length: f64,
+    (length, gap): (f64, Option<f64>),
     depth_offset: f64,
     constants: &RodConstants,
     fit: &StiffnessFit,
     s: &EstimatorSettings,
 ) {
     let before = m.rod.tip_slope();
-    m.clamp = clamp_of(base, fit);
+    m.clamp = clamp_of(base, gap, fit);
     let azimuth = azimuth_of(base);
     let middle = m.azimuth + 0.5 * crate::tasks::wrap(azimuth - m.azimuth);
     m.azimuth = azimuth;
-    let depth = (m.clamp.z + length - m.rod.shortening(X, Y) + depth_offset).max(1e-6);
+    let depth =
+        (base.translation.vector.z + length - m.rod.shortening(X, Y) + depth_offset).max(1e-6);
     let step = (depth - m.path.tip_depth()).max(0.0);
     m.retracted = (m.path.tip_depth() - depth).max(0.0);
     let compliance = s.tip_compliance_deg_n.to_radians();

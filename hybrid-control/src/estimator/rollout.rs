@@ -109,10 +109,7 @@ impl Estimator {
                 out.path.tip()[c] + step * (middle[c] + drive)
             });
             out.path.extend_to(tip + step, &next);
-            clamp.z += step;
-            for c in 0..COLUMNS {
-                clamp.w[c] += step * clamp.slope[c];
-            }
+            self.push(&mut clamp, step);
         }
         out.rod.solve(&self.constants, &clamp, &out.path);
         let slope = out.rod.tip_slope();
@@ -123,6 +120,17 @@ impl Estimator {
         out.pivot = end[PIVOT];
         out.shift = end[SHIFT];
         out.bevel = end[BEVEL];
+    }
+
+    /// The base advances along its axis by `step` \[m\]; a guide's exit stays.
+    fn push(&self, clamp: &mut super::Clamp, step: f64) {
+        if self.start.guide_gap.is_some() {
+            return;
+        }
+        clamp.z += step;
+        for c in 0..COLUMNS {
+            clamp.w[c] += step * clamp.slope[c];
+        }
     }
 
     /// Slope in the middle of the first step, by an explicit trial of the whole step.
@@ -140,10 +148,7 @@ impl Estimator {
         let next: Row = core::array::from_fn(|c| path.tip()[c] + step * (slope[c] + drive[c]));
         path.extend_to(path.tip_depth() + step, &next);
         let mut moved = *clamp;
-        moved.z += step;
-        for c in 0..COLUMNS {
-            moved.w[c] += step * moved.slope[c];
-        }
+        self.push(&mut moved, step);
         out.rod.solve(&self.constants, &moved, &path);
         let after = out.rod.tip_slope();
         core::array::from_fn(|c| 0.5 * (slope[c] + after[c]))

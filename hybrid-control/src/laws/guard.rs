@@ -209,6 +209,7 @@ mod tests {
                 length: 0.126,
                 bending_stiffness: 2e-2,
                 cutting_edge: 1e-3,
+                guide_gap: None,
                 entry,
                 world_from_base: start,
             },

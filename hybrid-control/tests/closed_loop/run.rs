@@ -131,6 +131,7 @@ pub(crate) fn insert(case: &Case<'_>) -> Outcome {
         bending_stiffness: rod::EI,
         // On the study plant the tip itself cuts.
         cutting_edge: 0.0,
+        guide_gap: None,
         entry,
         world_from_base: base,
     };

@@ -336,6 +336,9 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
         return Ok(());
     }
     writeln!(out, "  true error      {}", mm(summary.true_error_mm))?;
+    if let Some(error) = summary.true_error_less_bias_mm {
+        writeln!(out, "  less the bias   {}", mm(Some(error)))?;
+    }
     writeln!(out, "  measured error  {}", mm(summary.measured_error_mm))?;
     writeln!(out, "  along the axis  {}", mm(summary.axial_error_mm))?;
     writeln!(

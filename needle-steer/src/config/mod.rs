@@ -197,6 +197,8 @@ pub enum SensorKind {
     Images,
     /// Needle shapes from the phantom's fast sensor.
     Shape,
+    /// The tip alone, from an electromagnetic sensor in it: place and axis, no point of the shaft.
+    Em,
 }
 
 /// What to run.
@@ -338,7 +340,7 @@ pub enum NeedleSupport {
     /// Its base is clamped.
     #[default]
     Base,
-    /// It slides through a guide: known to `estimate` and `validate`, not to `run`.
+    /// It slides through a guide that moves with its base across the insertion.
     Guide,
 }
 

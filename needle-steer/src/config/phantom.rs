@@ -4,6 +4,7 @@
 use phantom::{Settings, SettingsError};
 
 use super::{Config, Invalid, Needle};
+use crate::guide::Guide;
 
 /// A key of `[phantom.needle]` and where `[needle]` has it.
 struct Followed {
@@ -67,7 +68,14 @@ impl Config {
         }
         let mut changes = self.phantom.clone();
         changes.insert("needle".to_owned(), needle.into());
-        Settings::preset(&self.run.phantom)?.overridden(changes)
+        let mut settings = Settings::preset(&self.run.phantom)?.overridden(changes)?;
+        // The preset, or `[phantom]`, may say where the guide truly is.
+        let guide = Guide::of(self);
+        if guide.is_none() || settings.guide.gap_mm == 0.0 {
+            settings.guide.gap_mm = guide.map_or(0.0, |guide| guide.gap * 1e3);
+        }
+        settings.validate()?;
+        Ok(settings)
     }
 
     /// What `[phantom.needle]` says.

@@ -82,10 +82,10 @@ impl Place {
             })?,
         };
         let images = config.run.sensor == SensorKind::Images;
-        let bench = if images {
-            bench.with_cameras(self.stereo)
-        } else {
-            bench
+        let bench = match config.run.sensor {
+            SensorKind::Images => bench.with_cameras(self.stereo),
+            SensorKind::Shape => bench,
+            SensorKind::Em => bench.with_em(&settings, &setup),
         };
         let ArmParts {
             arm,

@@ -28,6 +28,7 @@ use crate::cameras;
 use crate::clock::WallTime;
 use crate::config::{Backend, Config, SensorKind};
 use crate::cycle::Bearings;
+use crate::guide::{Guide, GuideMisfit};
 use crate::host::HostError;
 use crate::ros::Link;
 use crate::score::Scoring;
@@ -76,6 +77,9 @@ pub enum RigBuildError {
     /// The arm cannot carry out the insertion.
     #[error(transparent)]
     Misfit(#[from] Misfit),
+    /// The needle cannot go through its guide.
+    #[error(transparent)]
+    Guide(#[from] GuideMisfit),
     /// The start lies outside of the box that the needle's base may use.
     #[error(
         "the needle's base would start at {position_mm:?} mm, outside of its box from {min_mm:?} to \
@@ -284,6 +288,9 @@ impl Rig {
             course,
         } = start(config, &chain, &world_from_arm_base)?;
         check_start(config, &start.translation.vector.into())?;
+        if let Some(guide) = Guide::of(config) {
+            guide.check(config)?;
+        }
         let images = config.run.sensor == SensorKind::Images;
         let camera_settings = if images {
             cameras::settings(config)?

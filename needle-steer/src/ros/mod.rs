@@ -151,7 +151,7 @@ impl Link {
                     ..RosCamerasOptions::default()
                 },
             )?)),
-            SensorKind::Shape => Eyes::Shape(Box::new(RosShapes::new(node)?)),
+            SensorKind::Shape | SensorKind::Em => Eyes::Shape(Box::new(RosShapes::new(node)?)),
         })
     }
 
@@ -215,7 +215,7 @@ impl Link {
                 arm: Box::new(parts.arm),
                 eyes: match config.run.sensor {
                     SensorKind::Images => Eyes::Cameras(Box::new(parts.cameras)),
-                    SensorKind::Shape => Eyes::Shape(Box::new(parts.shapes)),
+                    SensorKind::Shape | SensorKind::Em => Eyes::Shape(Box::new(parts.shapes)),
                 },
                 truth: Some(RemoteLaboratory::new(parts.laboratory)),
             });

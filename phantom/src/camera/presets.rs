@@ -14,7 +14,9 @@ impl CameraSettings {
     pub fn preset(name: &str) -> Result<Self, crate::SettingsError> {
         match name {
             "ideal" => Ok(Self::ideal()),
-            "paper" | "paper-compliant" => Ok(Self::paper()),
+            "paper" | "paper-compliant" | "gel-guide" | "ex-vivo-guide" | "kinked" => {
+                Ok(Self::paper())
+            }
             "harsh" => Ok(Self::harsh()),
             _ => Err(crate::SettingsError::UnknownPreset {
                 name: name.to_owned(),

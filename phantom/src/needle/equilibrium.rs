@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::{CUTTING_TRAVEL, Recent, RodPlant};
+use crate::guide::Guide;
 use crate::medium::{Hold, Medium};
 use crate::rod::Solution;
 use crate::twist::Sliding;
@@ -10,6 +11,12 @@ use crate::twist::Sliding;
 impl RodPlant {
     pub(super) fn bevel_length(&self) -> f64 {
         2.0 * self.radius / self.bevel_angle.tan()
+    }
+
+    /// The guide with the base at `pose`, where there is one.
+    fn guide(&self, pose: &Isometry3<f64>) -> Option<Guide> {
+        let gap = self.settings.guide.gap_mm * 1e-3;
+        (gap > 0.0).then(|| Guide::at(pose, gap))
     }
 
     /// Position and direction of the cutting edge in the phantom frame.
@@ -27,6 +34,9 @@ impl RodPlant {
         let across = motion - axis * along;
         let edges = self.rod.edges();
         let free = self.contact.first.clamp(edges / 8, edges) as f64;
+        let guided = self
+            .guide(pose)
+            .map_or(0.0, |guide| guide.nodes(self.rod.edge).min(free - 1.0));
         self.rod.nodes[0] += motion;
         let mut ahead = axis;
         for i in 1..=edges {
@@ -36,7 +46,7 @@ impl RodPlant {
                 ahead
             };
             ahead = here;
-            let share = (1.0 - i as f64 / free).max(0.0);
+            let share = (1.0 - (i as f64 - guided).max(0.0) / (free - guided)).max(0.0);
             self.rod.nodes[i] += here * along + across * share;
         }
         self.rod.clamp = axis;
@@ -177,6 +187,7 @@ impl RodPlant {
             reach: self.bevel_length(),
             fade: self.bevel_length(),
         };
+        let guide = self.guide(&self.pose);
         let solution = self.rod.relax(&mut Medium {
             path: self.path.as_ref(),
             law: self.tissue.law,
@@ -188,6 +199,7 @@ impl RodPlant {
             resistance: &self.resistance,
             resists: false,
             skin: &mut self.skin,
+            guide,
         });
         self.iterations += u64::from(solution.iterations);
         solution

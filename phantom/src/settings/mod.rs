@@ -4,12 +4,14 @@
 //! carries its unit; unknown keys are refused. Where a value comes from is said as *paper*
 //! (\[Chevrie2016\]), *computed* or *assumed*.
 
+mod devices;
 mod preset;
 mod validate;
 
 use documented::DocumentedFields;
 use serde::{Deserialize, Serialize};
 
+pub use devices::{EmSettings, GuideSettings};
 pub use preset::PRESETS;
 pub(crate) use preset::merge;
 pub use validate::SettingsError;
@@ -33,6 +35,10 @@ pub struct Settings {
     pub motion: MotionSettings,
     /// The fast sensor.
     pub sensor: SensorSettings,
+    /// The electromagnetic sensor in the tip.
+    pub em: EmSettings,
+    /// The guide before the tissue.
+    pub guide: GuideSettings,
     /// Flaws of the robot and of the needle's mounting.
     pub robot: RobotSettings,
     /// What differs from run to run.
@@ -51,6 +57,8 @@ impl Settings {
             "entry" => EntrySettings::get_field_docs(key),
             "motion" => MotionSettings::get_field_docs(key),
             "sensor" => SensorSettings::get_field_docs(key),
+            "em" => EmSettings::get_field_docs(key),
+            "guide" => GuideSettings::get_field_docs(key),
             "robot" => RobotSettings::get_field_docs(key),
             "spread" => SpreadSettings::get_field_docs(key),
             _ => return None,

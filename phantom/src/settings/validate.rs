@@ -243,6 +243,8 @@ impl Settings {
             20.0,
         )?;
         within("sensor.bias_mm", s.bias_mm, 0.0, 5.0)?;
+        self.em.validate()?;
+        within("guide.gap_mm", self.guide.gap_mm, 0.0, 200.0)?;
         let r = &self.robot;
         within("robot.kinematic_mm", r.kinematic_mm, 0.0, 5.0)?;
         within("robot.kinematic_deg", r.kinematic_deg, 0.0, 5.0)?;

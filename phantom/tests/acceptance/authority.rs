@@ -69,3 +69,45 @@ impl Rig {
         self.plant.truth().base_wrench.moment.dot(&axis)
     }
 }
+
+/// A needle in a guide answers as a shorter one that is clamped where the exit is.
+#[test]
+fn a_guide_holds_the_needle_at_its_exit() {
+    // 40 mm deep, 30 mm from base or exit to the surface.
+    let answer = |changes: &str| {
+        let mut rig = Rig::new(&ideal(&format!("tip.cut_angle_deg = 0\n{changes}")), 1);
+        rig.insert(0.04 - rig.truth().depth);
+        let tip = rig.tip();
+        rig.shift(Vector3::x() * 0.5e-3, 0.0);
+        Vector3::new(rig.direction().x, rig.tip().x - tip.x, 0.0)
+    };
+    let clamped = answer("needle.length_mm = 70.0\nneedle.elements = 140");
+    let guided = answer("guide.gap_mm = 30.0");
+    let held_far = answer("");
+    assert!(
+        (guided - clamped).norm() < 0.01 * clamped.norm(),
+        "{guided} {clamped}"
+    );
+    assert!((held_far - clamped).norm() > 0.2 * clamped.norm());
+}
+
+#[test]
+fn a_shaft_lies_straight_in_its_guide_wherever_that_moves() {
+    let mut rig = Rig::new(&ideal("guide.gap_mm = 30.0"), 1);
+    rig.insert(0.03);
+    rig.shift(Vector3::new(3e-3, -2e-3, 0.0), 1.0);
+    rig.insert(0.03);
+    let truth = rig.truth();
+    let world_from_base = rig.world_from_phantom * rig.pose;
+    let off = |arc: f64| {
+        let point = truth.needle.point_at(arc).unwrap();
+        world_from_base
+            .inverse_transform_point(&point.into())
+            .coords
+            .xy()
+            .norm()
+    };
+    // The base has come within 66 mm of the surface.
+    assert!(off(0.020) < 1e-6 && off(0.034) < 5e-6, "{}", off(0.034));
+    assert!(off(0.066) > 1e-4, "{}", off(0.066));
+}

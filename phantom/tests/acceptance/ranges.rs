@@ -12,7 +12,7 @@ use crate::support::{Dice, finite};
 /// Key, lowest, highest.
 type Range = (&'static str, f64, f64);
 
-const RANGES: [Range; 63] = [
+const RANGES: [Range; 75] = [
     ("needle.length_mm", 20.0, 400.0),
     ("needle.outer_diameter_mm", 0.2, 3.0),
     ("needle.inner_diameter_mm", 0.0, 2.99),
@@ -56,6 +56,18 @@ const RANGES: [Range; 63] = [
     ("motion.breathing_fade_1_m", -100.0, 20.0),
     ("motion.drift_mm_min", -60.0, 60.0),
     ("motion.rotation_deg_min", -60.0, 60.0),
+    ("em.rate_hz", 1.0, 1000.0),
+    ("em.latency_ms", 0.0, 1000.0),
+    ("em.drop_fraction", 0.0, 0.95),
+    ("em.noise_mm", 0.0, 5.0),
+    ("em.axis_noise_mrad", 0.0, 300.0),
+    ("em.distortion_mm", 0.0, 10.0),
+    ("em.axis_distortion_mrad", 0.0, 300.0),
+    ("em.distortion_length_mm", 1.0, 1000.0),
+    ("em.stated_mm", 0.0, 10.0),
+    ("em.stated_mrad", 0.0, 300.0),
+    ("em.setback_mm", 0.0, 30.0),
+    ("guide.gap_mm", 0.0, 200.0),
     ("sensor.rate_hz", 1.0, 1000.0),
     ("sensor.latency_ms", 0.0, 1000.0),
     ("sensor.drop_fraction", 0.0, 0.95),

@@ -1,0 +1,91 @@
+//! Settings of the devices that a needle may have besides the arm that holds it.
+
+use documented::DocumentedFields;
+use serde::{Deserialize, Serialize};
+
+use super::{SettingsError, within};
+
+/// A coil in the tip, tracked in a field; without flaw by default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
+#[serde(deny_unknown_fields, default)]
+pub struct EmSettings {
+    /// Rate of measurements.
+    pub rate_hz: f64,
+    /// Delay from measurement to delivery.
+    pub latency_ms: f64,
+    /// Fraction of measurements that are lost.
+    pub drop_fraction: f64,
+    /// White noise of the place, per axis.
+    pub noise_mm: f64,
+    /// White noise of the axis, per axis.
+    pub axis_noise_mrad: f64,
+    /// Distortion of the place, standard deviation per axis; constant in time.
+    pub distortion_mm: f64,
+    /// Distortion of the axis, standard deviation per axis; constant in time.
+    pub axis_distortion_mrad: f64,
+    /// Distance at which the distortion's correlation has fallen to exp(-1/2).
+    pub distortion_length_mm: f64,
+    /// Standard deviation of the place that the sensor states beyond its noise.
+    pub stated_mm: f64,
+    /// The same of the axis.
+    pub stated_mrad: f64,
+    /// How far the coil sits behind the tip.
+    pub setback_mm: f64,
+}
+
+impl Default for EmSettings {
+    fn default() -> Self {
+        Self {
+            rate_hz: 40.0,
+            latency_ms: 0.0,
+            drop_fraction: 0.0,
+            noise_mm: 0.0,
+            axis_noise_mrad: 0.0,
+            distortion_mm: 0.0,
+            axis_distortion_mrad: 0.0,
+            distortion_length_mm: 20.0,
+            stated_mm: 0.0,
+            stated_mrad: 0.0,
+            setback_mm: 0.0,
+        }
+    }
+}
+
+impl EmSettings {
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        within("em.rate_hz", self.rate_hz, 1.0, 1000.0)?;
+        within("em.latency_ms", self.latency_ms, 0.0, 1000.0)?;
+        within("em.drop_fraction", self.drop_fraction, 0.0, 0.95)?;
+        within("em.noise_mm", self.noise_mm, 0.0, 5.0)?;
+        within("em.axis_noise_mrad", self.axis_noise_mrad, 0.0, 300.0)?;
+        within("em.distortion_mm", self.distortion_mm, 0.0, 10.0)?;
+        within(
+            "em.axis_distortion_mrad",
+            self.axis_distortion_mrad,
+            0.0,
+            300.0,
+        )?;
+        within(
+            "em.distortion_length_mm",
+            self.distortion_length_mm,
+            1.0,
+            1000.0,
+        )?;
+        within("em.stated_mm", self.stated_mm, 0.0, 10.0)?;
+        within("em.stated_mrad", self.stated_mrad, 0.0, 300.0)?;
+        within("em.setback_mm", self.setback_mm, 0.0, 30.0)
+    }
+
+    #[cfg(test)]
+    pub(crate) fn measured() -> Self {
+        super::Settings::preset("paper").unwrap().em
+    }
+}
+
+/// A guide in which the needle slides.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, DocumentedFields)]
+#[serde(deny_unknown_fields, default)]
+pub struct GuideSettings {
+    /// From its exit to the tissue; 0: there is no guide.
+    pub gap_mm: f64,
+}
