@@ -50,8 +50,8 @@ impl Guide {
     ) {
         let across = Matrix3::identity() - self.axis * self.axis.transpose();
         for i in 1..nodes.len() {
-            // The last node is held in part, so that the exit moves along the shaft smoothly.
-            let share = (self.exit / edge - i as f64 + 1.0).min(1.0);
+            // The node at the exit is held in part, so that the exit moves along the shaft smoothly.
+            let share = (self.exit / edge - i as f64 + 0.5).min(1.0);
             if share <= 0.0 {
                 break;
             }
