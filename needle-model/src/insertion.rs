@@ -312,7 +312,7 @@ impl Insertion {
         }
         self.needle.set_base(&base);
         let (start, end) = self.lengths;
-        if start != end {
+        if (end - start).abs() > 0.0 {
             self.set_length(start + (end - start) * fraction);
         }
         let law = &mut self.law;
