@@ -10,16 +10,13 @@ use crate::springs;
 
 /// Share of the model's elastic motion that the tip shows, and what is taken from it and from the
 /// way along the axis at the surface, fading with depth over `FADE`: there the tip is held better
-/// than the bed says. Fitted on fourteen sets of the recordings of Bernardes et al. 2022 together
-/// (docs/REAL_NEEDLES.md).
-const ELASTIC: f64 = 0.93;
-const ELASTIC_AT_SURFACE: f64 = -1.29;
-const ALONG_AT_SURFACE: f64 = -1.64;
-const FADE: f64 = 20e-3;
-/// Share of the last step's error of the tip that the next step repeats, deep and, in addition, at
-/// the surface: there the tip wavers, and comes back from where it was. Same source.
-const REPEATED: f64 = 0.12;
-const REPEATED_AT_SURFACE: f64 = -0.57;
+/// than the bed says. Fitted on five conditions of Bernardes et al. 2022 (docs/REAL_NEEDLES.md).
+const ELASTIC: f64 = 0.8;
+const ELASTIC_AT_SURFACE: f64 = -2.0;
+const ALONG_AT_SURFACE: f64 = -3.0;
+const FADE: f64 = 15e-3;
+/// Share of the last step's error of the tip that the next step repeats; same source.
+const REPEATED: f64 = 0.2;
 
 /// A needle in its tissue as its tip sensor shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +82,7 @@ impl Response {
             let tip = moved * (ELASTIC + ELASTIC_AT_SURFACE * fade)
                 + along * (1.0 + ALONG_AT_SURFACE * fade)
                 + self.tip_drift * way
-                + error * (REPEATED + REPEATED_AT_SURFACE * fade);
+                + error * REPEATED;
             changes.push(Change {
                 axis: answers[1].slope - answers[0].slope + self.axis_drift * way,
                 tip,
