@@ -1,30 +1,60 @@
 //! The charts of a run over time.
 
-use plotly::common::{Fill, Font, Line, LineShape, Marker, Mode, Orientation, Title};
+use plotly::common::{DashType, Fill, Font, Line, LineShape, Marker, Mode, Orientation, Title};
+use plotly::histogram::Bins;
 use plotly::layout::{Axis, AxisType, HoverMode, Legend, Margin};
 use plotly::{Histogram, Layout, Plot, Scatter};
 
 use super::course::{Course, Sample};
 
-pub(super) const BLUE: &str = "#1f77b4";
-pub(super) const ORANGE: &str = "#ff7f0e";
-pub(super) const GREEN: &str = "#2ca02c";
-pub(super) const RED: &str = "#d62728";
+// Okabe and Ito's palette, which also the colour-blind tell apart. On every page the truth is
+// blue, what is measured or modelled orange, what is predicted green, and a warning red.
+pub(super) const BLUE: &str = "#0072b2";
+pub(super) const ORANGE: &str = "#e69f00";
+pub(super) const GREEN: &str = "#009e73";
+pub(super) const RED: &str = "#d55e00";
 pub(super) const GREY: &str = "#7f7f7f";
+
+/// Smaller errors are drawn as this one \[mm\]: a logarithm has no zero, and no sensor sees less.
+const LEAST_ERROR_MM: f64 = 1e-3;
 
 /// Points of a curve, about; more cannot be seen.
 const POINTS: usize = 1500;
 
-/// All charts over time, in reading order.
-pub(super) fn all(course: &Course) -> Vec<Plot> {
+/// All charts over time, in reading order, each with how to read it.
+pub(super) fn all(course: &Course) -> Vec<(Plot, &'static str)> {
     vec![
-        error(course),
-        base(course),
-        stiffness(course),
-        stretch(course),
-        bevel(course),
-        steering(course),
-        limits(course),
+        (
+            error(course),
+            "On a logarithmic scale, the goal dotted. Steering is good where the green curve, what \
+             would come of doing nothing more, falls early; the blue and the orange one count at \
+             the end only.",
+        ),
+        (
+            base(course),
+            "Large motion early, while the base has authority, and none at depth: there it only \
+             stretches the tissue.",
+        ),
+        (
+            stiffness(course),
+            "The band is what the controller believes with 95 %. It narrows once the base has \
+             moved: without motion nothing tells.",
+        ),
+        (
+            stretch(course),
+            "How far the shaft pushes the tissue aside, in the mean over its length; the model is \
+             right where the curves agree.",
+        ),
+        (
+            bevel(course),
+            "Each step of the last joint is a turn of the bevel. Its error is the angle to the side \
+             that the law wants; it may be large while little curvature is wanted.",
+        ),
+        (steering(course), "What the law did at each time."),
+        (
+            limits(course),
+            "A limit that acts for long is what to look at first when a run misses.",
+        ),
     ]
 }
 
@@ -68,17 +98,24 @@ fn chart(title: &str, y: &str, curves: Vec<Curve>) -> Plot {
 
 /// Fig. 3 of the paper, with truth and prediction beside the measurement.
 fn error(course: &Course) -> Plot {
-    chart(
+    let goal = course.config.target.goal_mm;
+    let seen = |mm: f64| mm.max(LEAST_ERROR_MM);
+    let mut plot = chart(
         "Distance of the target from the tip axis (Fig. 3)",
         "[mm]",
         vec![
-            curve(course, "measured", ORANGE, |s| s.row.lateral_error_mm),
-            curve(course, "true", BLUE, |s| s.row.true_lateral_error_mm),
+            curve(course, "measured", ORANGE, |s| seen(s.row.lateral_error_mm)),
+            curve(course, "true", BLUE, |s| seen(s.row.true_lateral_error_mm)),
             curve(course, "predicted at the target", GREEN, |s| {
-                s.row.predicted_miss_mm
+                seen(s.row.predicted_miss_mm)
             }),
+            curve(course, "goal", GREY, |_| goal)
+                .line(Line::new().color(GREY).width(1.0).dash(DashType::Dot)),
         ],
-    )
+    );
+    let layout = plot.layout().clone();
+    plot.set_layout(layout.y_axis(Axis::new().title("[mm]").type_(AxisType::Log)));
+    plot
 }
 
 fn base(course: &Course) -> Plot {
@@ -96,7 +133,7 @@ fn base(course: &Course) -> Plot {
 fn stiffness(course: &Course) -> Plot {
     let bound =
         |sign: f64| move |s: &Sample| s.row.stiffness * (sign * 1.96 * s.stiffness_sigma).exp();
-    let faint = "rgba(31,119,180,0.2)";
+    let faint = "rgba(0,114,178,0.2)";
     chart(
         "Estimated tissue stiffness K_T",
         "[N/m²]",
@@ -123,11 +160,11 @@ fn stretch(course: &Course) -> Plot {
 
 fn bevel(course: &Course) -> Plot {
     chart(
-        "Last joint and bevel error",
+        "Last joint, bevel and heading",
         "[deg]",
         vec![
             curve(course, "last joint", BLUE, |s| s.row.roll_deg),
-            curve(course, "bevel error sigma", ORANGE, |s| s.bevel_error),
+            curve(course, "bevel error", ORANGE, |s| s.bevel_error),
             curve(course, "heading error", GREEN, |s| s.heading_error),
         ],
     )
@@ -137,10 +174,13 @@ fn bevel(course: &Course) -> Plot {
 fn steering(course: &Course) -> Plot {
     let start = course.samples.first().map_or(0.0, |s| s.row.t_s);
     let mut plot = Plot::new();
-    plot.add_trace(
-        curve(course, "duty cycle", BLUE, |s| s.row.duty_cycle)
-            .line(Line::new().color(BLUE).width(1.5).shape(LineShape::Hv)),
-    );
+    let cycles = course.samples.iter().any(|s| s.row.duty_cycle.is_finite());
+    if cycles {
+        plot.add_trace(
+            curve(course, "duty cycle", BLUE, |s| s.row.duty_cycle)
+                .line(Line::new().color(BLUE).width(1.5).shape(LineShape::Hv)),
+        );
+    }
     let modes: std::collections::BTreeSet<String> = course
         .samples
         .iter()
@@ -161,10 +201,14 @@ fn steering(course: &Course) -> Plot {
         );
     }
     let lowest = -0.15 * (modes.len() + 1) as f64;
-    plot.set_layout(
-        layout("Duty cycle and mode of steering", "time [s]", "")
-            .y_axis(Axis::new().title("duty cycle").range(vec![lowest, 1.05])),
-    );
+    let (title, axis) = if cycles {
+        let axis = Axis::new().title("duty cycle").range(vec![lowest, 1.05]);
+        ("Duty cycle and mode of steering", axis)
+    } else {
+        let axis = Axis::new().range(vec![lowest, 0.05]);
+        ("Mode of steering", axis.show_tick_labels(false))
+    };
+    plot.set_layout(layout(title, "time [s]", "").y_axis(axis));
     plot
 }
 
@@ -200,6 +244,7 @@ pub(super) fn ages(course: &Course) -> Plot {
     let mut plot = Plot::new();
     let ages: Vec<f64> = course.samples.iter().filter_map(|s| s.image_age).collect();
     let steps: Vec<f64> = course.samples.iter().filter_map(|s| s.interval).collect();
+    let longest = ages.iter().chain(&steps).copied().fold(1.0, f64::max);
     for (values, name, colour) in [
         (ages, "age of the measurement", BLUE),
         (steps, "from step to step", ORANGE),
@@ -208,6 +253,7 @@ pub(super) fn ages(course: &Course) -> Plot {
             Histogram::new(values)
                 .name(name)
                 .opacity(0.6)
+                .x_bins(Bins::new(0.0, 1.01 * longest, longest / 80.0))
                 .marker(Marker::new().color(colour)),
         );
     }

@@ -37,6 +37,8 @@ pub(super) struct Sample {
     pub(super) stiffness_sigma: f64,
     pub(super) heading_error: f64,
     pub(super) bevel_error: f64,
+    /// What the bevel alone can give at the target \[mm\]; NaN unknown.
+    pub(super) bevel_authority_mm: f64,
     pub(super) image_age: Option<f64>,
     pub(super) interval: Option<f64>,
 }
@@ -247,6 +249,7 @@ fn sample(t: &Telemetry, row: Row, before: Option<&Sample>) -> Sample {
     Sample {
         stiffness_sigma: t.model.stiffness_sigma,
         heading_error: t.law.heading_error.to_degrees(),
+        bevel_authority_mm: t.law.bevel_authority * 1e3,
         bevel_error: t.law.bevel_error.to_degrees(),
         image_age: t.image_stamp.map(|seen| t.stamp.secs_since(seen) * 1e3),
         interval: before.map(|b| (row.t_s - b.row.t_s) * 1e3),

@@ -3,6 +3,7 @@
 
 mod course;
 mod scene;
+mod story;
 mod charts;
 mod cameras;
 mod page;
@@ -112,9 +113,12 @@ pub fn run(file: &Path) -> Result<Page, ReportError> {
          press play or move the slider.",
     );
     page.plot("scene", 700, &scene::plot(&course));
+    page.heading("What was decided, and why");
+    page.table(&story::story(&course));
     page.heading("The course of the run");
-    for (k, chart) in charts::all(&course).iter().enumerate() {
+    for (k, (chart, words)) in charts::all(&course).iter().enumerate() {
         page.plot(&format!("chart{k}"), 330, chart);
+        page.text(words);
     }
     // A log that cannot be replayed has no times of its steps; the rest is shown all the same.
     let times = replay::step_times(file).unwrap_or_default();

@@ -10,10 +10,16 @@ use plotly::layout::{
 };
 use plotly::{Layout, Plot, Scatter3D, Trace, Traces};
 
+use super::charts::{BLUE, GREEN, GREY, ORANGE, RED};
 use super::course::{Course, Frame};
 
 /// Length of the view along the needle against its width.
 const TALL: f64 = 1.5;
+
+/// Colour of the tissue's surface.
+const SKIN: &str = "#b08a60";
+/// Half the width of the surface that is drawn \[mm\].
+const SURFACE_MM: f64 = 6.0;
 
 /// The view with a slider and a play button.
 pub(super) fn plot(course: &Course) -> Plot {
@@ -24,8 +30,8 @@ pub(super) fn plot(course: &Course) -> Plot {
     let count = moving.len();
     plot.add_traces(moving);
     for (name, colour, target) in [
-        ("target, as registered", "#d62728", course.target),
-        ("target, in truth", "#7f7f7f", course.true_target),
+        ("target, as registered", RED, course.target),
+        ("target, in truth", GREY, course.true_target),
     ] {
         if let Some(target) = target {
             let trace = points(&[target])
@@ -40,6 +46,9 @@ pub(super) fn plot(course: &Course) -> Plot {
             plot.add_trace(trace);
         }
     }
+    plot.add_trace(
+        line(&surface(course), SKIN, 3.0).name("surface of the tissue, about the entry"),
+    );
     for (k, frame) in course.frames.iter().enumerate() {
         let mut traces = Traces::new();
         for trace in self::moving(course, frame, k) {
@@ -65,15 +74,39 @@ fn moving(course: &Course, frame: &Frame, index: usize) -> Vec<Box<dyn Trace>> {
         .filter_map(|f| f.sensed_tip)
         .collect();
     vec![
-        line(&frame.model, "#1f77b4", 5.0).name("needle, model"),
-        line(&frame.truth, "#2ca02c", 3.0).name("needle, truth"),
-        line(&springs(frame), "#ff7f0e", 2.0).name("springs (tissue at rest to needle)"),
-        line(&trail, "#9467bd", 2.0).name("measured tip, its path"),
+        line(&frame.model, ORANGE, 5.0).name("needle, model"),
+        line(&frame.truth, BLUE, 3.0).name("needle, truth"),
+        line(&springs(frame), GREY, 2.0).name("springs (tissue at rest to needle)"),
+        line(&trail, GREEN, 2.0).name("measured tip, its path"),
         points(&[frame.tip])
             .mode(Mode::Markers)
-            .marker(Marker::new().color("#1f77b4").size(4))
+            .marker(Marker::new().color(ORANGE).size(4))
             .name("tip"),
     ]
+}
+
+/// A square in the tissue's surface, and a cross at the entry.
+fn surface(course: &Course) -> Vec<Vector3<f64>> {
+    let turned = course.config.world_from_entry().rotation;
+    let at = |x: f64, y: f64| turned * Vector3::new(x, y, 0.0) * SURFACE_MM;
+    let gap = Vector3::from_element(f64::NAN);
+    let corners = [
+        (1.0, 1.0),
+        (1.0, -1.0),
+        (-1.0, -1.0),
+        (-1.0, 1.0),
+        (1.0, 1.0),
+    ];
+    let mut lines: Vec<_> = corners.into_iter().map(|(x, y)| at(x, y)).collect();
+    lines.extend([
+        gap,
+        at(0.2, 0.0),
+        at(-0.2, 0.0),
+        gap,
+        at(0.0, 0.2),
+        at(0.0, -0.2),
+    ]);
+    lines
 }
 
 /// One broken line through all springs.
