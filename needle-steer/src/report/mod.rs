@@ -117,8 +117,7 @@ pub fn run(file: &Path) -> Result<Page, ReportError> {
     page.table(&story::story(&course));
     page.heading("The course of the run");
     for (k, (chart, words)) in charts::all(&course).iter().enumerate() {
-        page.plot(&format!("chart{k}"), 330, chart);
-        page.text(words);
+        page.explained(&format!("chart{k}"), 330, chart, words);
     }
     // A log that cannot be replayed has no times of its steps; the rest is shown all the same.
     let times = replay::step_times(file).unwrap_or_default();

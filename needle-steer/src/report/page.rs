@@ -18,7 +18,7 @@ margin:2em auto;padding:0 1em}h1{font-size:1.5em}h2{font-size:1.15em;margin-top:
 table{border-collapse:collapse;margin:1em 0}td,th{padding:.2em 1em .2em 0;text-align:left;\
 border-bottom:1px solid #ddd;vertical-align:top}td.n{text-align:right}\
 pre{background:#f6f6f6;padding:1em;overflow:auto}.chart{display:inline-block;width:49%;\
-vertical-align:top}.wide{display:block;width:100%}figure{display:inline-block;margin:.5em;\
+vertical-align:top}.note{margin:0 1.5em 1.5em 0;font-size:13px;color:#555}.wide{display:block;width:100%}figure{display:inline-block;margin:.5em;\
 width:47%}figure svg{width:100%;height:auto}@media(max-width:900px){.chart,figure{width:100%}}";
 
 impl Page {
@@ -87,6 +87,11 @@ impl Page {
 
     /// A chart of this height \[px\]; above 500 px it takes the whole width.
     pub fn plot(&mut self, id: &str, height: u32, plot: &Plot) {
+        self.explained(id, height, plot, "");
+    }
+
+    /// The same with how to read it below.
+    pub fn explained(&mut self, id: &str, height: u32, plot: &Plot, words: &str) {
         self.plots += 1;
         let class = if height > 500 { "wide" } else { "chart" };
         // A name in the data must not end the script.
@@ -100,8 +105,9 @@ impl Page {
         let data = plot.to_json().replace("</", "<\\/");
         let _ = writeln!(
             self.body,
-            "<div class=\"{class}\" id=\"{id}\" style=\"height:{height}px\"></div>\
-             <script>Plotly.newPlot(\"{id}\",{data});</script>"
+            "<div class=\"{class}\"><div id=\"{id}\" style=\"height:{height}px\"></div>\
+             <p class=\"note\">{}</p></div><script>Plotly.newPlot(\"{id}\",{data});</script>",
+            escaped(words)
         );
     }
 

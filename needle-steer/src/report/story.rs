@@ -1,6 +1,7 @@
 //! What the law decided on the way and why, in words along the time line.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
 
 use hal::telemetry::SteeringMode;
 
@@ -42,7 +43,11 @@ fn because(sample: &Sample) -> String {
     }
     let mut words = format!(": predicted miss {miss:.1} mm");
     if sample.bevel_authority_mm.is_finite() {
-        words += &format!(", the bevel alone gives {:.1}", sample.bevel_authority_mm);
+        let _ = write!(
+            words,
+            ", the bevel alone gives {:.1}",
+            sample.bevel_authority_mm
+        );
     }
     words
 }
@@ -69,7 +74,7 @@ fn tilts(samples: &[Sample]) -> Vec<(f64, String)> {
         let turned = sample.row.tilt_deg - samples[before].row.tilt_deg;
         let moves = turned.abs() > TILTING * span && span > 0.5 * SPAN;
         motion = match motion {
-            None if moves => Some(((before + k) / 2, k)),
+            None if moves => Some((before.midpoint(k), k)),
             Some((from, _)) if moves => Some((from, k)),
             Some((from, last)) if sample.row.t_s - samples[last].row.t_s > SPAN => {
                 told.extend(tilt(&samples[from..=last]));
