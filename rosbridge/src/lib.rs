@@ -10,6 +10,7 @@
 //! * [`emulator`]: the other side of the back end: an arm, cameras, a laboratory as a node.
 //! * [`motion`]: an arm moved by hand: twists and joint trajectories.
 //! * [`relay`]: a watchdog between a program and velocity controllers.
+//! * [`stream`]: a run as ROS 1 messages for programs without ROS.
 //! * [`log`]: a run as an MCAP file of ROS 1 messages, written while it goes, and read back
 //!   bit by bit.
 //!
@@ -35,6 +36,7 @@ pub mod relay;
 mod seam;
 mod status;
 mod step;
+pub mod stream;
 
 pub use convert::ConvertError;
 pub use seam::{Node, NodeEnd, NodeError, NodeOptions, TimeBase, plain_arguments};

@@ -44,12 +44,14 @@ pub(super) fn watch(
     let key = false;
     let remote = config.is_watched();
     let how = match (key, link) {
-        (_, None) if remote => "send the STRING DEAD_MAN over OpenIGTLink, or hold any key",
+        (_, None) if remote => {
+            "send DEAD_MAN over OpenIGTLink or call the live view's service, or hold any key"
+        }
         (false, None) => {
             return Err(Usage(format!(
                 "supervisor.dead_man_ms = {longest}: nothing can refresh the dead-man's switch: \
                  there is no terminal to hold a key in, no ROS node (ros.publish = true) and no \
-                 server (igtl.serve = true); 0 asks for none"
+                 server (igtl.serve, live.serve); 0 asks for none"
             ))
             .into());
         }

@@ -81,6 +81,16 @@ pub(super) struct RunArgs {
         default_missing_value = ""
     )]
     igtl: Option<String>,
+    /// Serve a live view for Foxglove or Lichtblick; at this address and port, or the configuration's
+    /// (live.address).
+    #[arg(
+        long,
+        value_name = "ADDRESS",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = ""
+    )]
+    live: Option<String>,
     /// Folder for the results, made if missing; by default the next free `out/NNN-LAW-PHANTOM-SEED`.
     #[arg(long)]
     out: Option<PathBuf>,
@@ -105,10 +115,14 @@ impl RunArgs {
                     .map(|value| format!("{key}={}", config::quoted(value))),
             );
         }
-        if let Some(address) = &self.igtl {
-            overrides.push("igtl.serve=true".into());
+        for (table, address) in [("igtl", &self.igtl), ("live", &self.live)] {
+            let Some(address) = address else {
+                continue;
+            };
+            overrides.push(format!("{table}.serve=true"));
             if !address.is_empty() {
-                overrides.push(format!("igtl.address={}", config::quoted(address)));
+                let address = config::quoted(address);
+                overrides.push(format!("{table}.address={address}"));
             }
         }
         overrides.extend(self.seed.map(|seed| format!("run.seed={seed}")));

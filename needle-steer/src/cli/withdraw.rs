@@ -57,6 +57,7 @@ pub(super) fn execute(args: &WithdrawArgs) -> anyhow::Result<ExitCode> {
     config.ros.publish &= !rebuilt;
     // An address that is taken is no reason to leave the needle in.
     config.igtl.serve = false;
+    config.live.serve = false;
     ros::choose_master(&config)?;
     let controls = interrupt_flag()?;
     let link = Link::new(&config)?;

@@ -50,7 +50,7 @@ impl Config {
         self.validate_estimator()?;
         self.validate_arm()?;
         self.validate_ros()?;
-        self.validate_igtl()?;
+        self.validate_remote()?;
         self.validate_limits()?;
         self.validate_law_limits()
     }
@@ -344,11 +344,15 @@ impl Config {
         })
     }
 
-    fn validate_igtl(&self) -> Result<(), Invalid> {
+    fn validate_remote(&self) -> Result<(), Invalid> {
         let igtl = &self.igtl;
         within("igtl.poses_hz", igtl.poses_hz, 0.1, 200.0)?;
         within("igtl.lines_hz", igtl.lines_hz, 0.1, 200.0)?;
         within("igtl.images_hz", igtl.images_hz, 0.1, 100.0)?;
+        let live = &self.live;
+        within("live.poses_hz", live.poses_hz, 0.1, 200.0)?;
+        within("live.lines_hz", live.lines_hz, 0.1, 200.0)?;
+        within("live.images_hz", live.images_hz, 0.1, 100.0)?;
         let name = &igtl.target_device;
         if (1..=20).contains(&name.len()) && name.chars().all(|c| c.is_ascii_graphic()) {
             return Ok(());

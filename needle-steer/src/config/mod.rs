@@ -4,6 +4,7 @@
 
 mod check;
 mod igtl;
+mod live;
 mod load;
 mod needle;
 mod phantom;
@@ -17,6 +18,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 pub use igtl::{Igtl, IgtlCoordinates, IgtlVersion, UnknownVersion};
+pub use live::Live;
 pub use load::{Base, ConfigError, Origin, assemble, load, parse, quoted};
 pub use needle::{Needle, NeedleSupport};
 pub use ros::{Ros, RosClock, RosImages};
@@ -59,6 +61,8 @@ pub struct Config {
     pub ros: Ros,
     /// OpenIGTLink: what is shown, and what is asked.
     pub igtl: Igtl,
+    /// The live view: what is shown, and what is asked.
+    pub live: Live,
     /// Limits that every law keeps.
     pub limits: hybrid_control::Limits,
     /// The estimator of path, bevel, disturbance and stiffness.
@@ -101,12 +105,16 @@ impl Config {
 
     /// Whether an insertion starts by itself: no connection that is asked for wants to be waited for.
     pub const fn autostarts(&self) -> bool {
-        (self.ros.autostart || !self.has_node()) && (self.igtl.autostart || !self.igtl.serve)
+        (self.ros.autostart || !self.has_node())
+            && (self.igtl.autostart || !self.igtl.serve)
+            && (self.live.autostart || !self.live.serve)
     }
 
     /// Whether a connection stays up after the insertion.
     pub const fn stays(&self) -> bool {
-        self.has_node() && self.ros.stay || self.igtl.serve && self.igtl.stay
+        self.has_node() && self.ros.stay
+            || self.igtl.serve && self.igtl.stay
+            || self.live.serve && self.live.stay
     }
 
     /// Whether the run is shown on topics.
@@ -117,7 +125,7 @@ impl Config {
     /// Whether somebody outside of ROS watches, for whom a simulated world keeps step with the wall
     /// clock.
     pub const fn is_watched(&self) -> bool {
-        self.igtl.serve
+        self.igtl.serve || self.live.serve
     }
 
     /// Whether nothing is inserted into anything.

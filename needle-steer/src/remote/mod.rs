@@ -1,5 +1,5 @@
-//! Other programs that watch a run and ask something of it: what they have in common, and
-//! OpenIGTLink.
+//! Other programs that watch a run and ask something of it: what they have in common, OpenIGTLink,
+//! and the live view over Foxglove's WebSocket protocol (feature `live`).
 //!
 //! A run knows an [`Interface`] only: it hands over snapshots and polls for requests, and neither
 //! waits. ROS is one more of them (`ros::door`).
@@ -11,6 +11,8 @@ pub mod address;
 mod budget;
 mod feed;
 pub mod igtl;
+#[cfg(feature = "live")]
+pub mod live;
 mod mailbox;
 
 use std::sync::Arc;

@@ -95,7 +95,7 @@ impl Interface for Door {
 }
 
 /// What ROS is told of a calibrated pair.
-pub(super) fn camera_models(pair: &StereoRig) -> [CameraModel; 2] {
+pub(crate) fn camera_models(pair: &StereoRig) -> [CameraModel; 2] {
     let model = |camera: &Camera, shift: f64| {
         let (distortion_model, distortion) = camera.distortion.ros();
         CameraModel {

@@ -10,8 +10,7 @@ use rosbridge::TimeBase;
 use rosbridge::emulator::{ArmNode, LabNode, Seen};
 
 use super::Link;
-use super::door::camera_models;
-use super::to_rates;
+use super::{camera_models, to_rates};
 use crate::config::{Backend, Config, RosClock};
 use crate::controls::Controls;
 use crate::rig::{Pace, Rig, RigBuildError, Sighting};

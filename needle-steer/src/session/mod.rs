@@ -41,6 +41,14 @@ pub enum SessionError {
     /// The address of OpenIGTLink cannot be served.
     #[error("OpenIGTLink: {0}")]
     Igtl(#[from] igtl::ServerError),
+    /// The live view cannot be served.
+    #[cfg(feature = "live")]
+    #[error("live view: {0}")]
+    Live(#[from] crate::remote::live::LiveError),
+    /// There is no live view.
+    #[cfg(not(feature = "live"))]
+    #[error("live.serve = true: this program was built without its feature `live`")]
+    NoLive,
 }
 
 /// A run's connections to other programs.
@@ -93,6 +101,9 @@ impl Session {
             // Nothing can be done about a closed stderr.
             let _ = writeln!(std::io::stderr(), "OpenIGTLink: {}", server.address());
             interfaces.push(Box::new(server));
+        }
+        if config.live.serve {
+            interfaces.push(live(config, rig, controls)?);
         }
         if interfaces.is_empty() {
             return Ok(None);
@@ -300,6 +311,23 @@ impl Session {
             interface.show_images(pair, &overlay);
         }
     }
+}
+
+#[cfg(feature = "live")]
+fn live(
+    config: &Config,
+    rig: &Rig,
+    controls: &Arc<Controls>,
+) -> Result<Box<dyn Interface>, SessionError> {
+    let server = crate::remote::live::Server::open(&config.live, &rig.bearings, controls)?;
+    // Nothing can be done about a closed stderr.
+    let _ = writeln!(std::io::stderr(), "live view: ws://{}", server.address());
+    Ok(Box::new(server))
+}
+
+#[cfg(not(feature = "live"))]
+fn live(_: &Config, _: &Rig, _: &Arc<Controls>) -> Result<Box<dyn Interface>, SessionError> {
+    Err(SessionError::NoLive)
 }
 
 impl Observer for Session {

@@ -26,7 +26,7 @@ pub struct CameraModel {
 }
 
 impl CameraModel {
-    fn message(&self, header: crate::msg::std_msgs::Header) -> sensor_msgs::CameraInfo {
+    pub(crate) fn message(&self, header: crate::msg::std_msgs::Header) -> sensor_msgs::CameraInfo {
         let [fx, fy, cx, cy] = self.intrinsics;
         sensor_msgs::CameraInfo {
             header,

@@ -40,6 +40,7 @@ use crate::{Node, NodeError};
 pub use cameras::CameraModel;
 pub(crate) use cameras::CameraOutlet;
 use publish::Publisher;
+pub(crate) use publish::{overlay_message, still};
 pub(crate) use requests::{Received, Requests};
 
 /// Snapshots that may wait for the bridge's thread.

@@ -310,7 +310,7 @@ fn at(telemetry: &Telemetry, stamp: Stamp) -> Telemetry {
     }
 }
 
-fn overlay_message(overlay: &Overlay, stamp: Stamp) -> sensor_msgs::Image {
+pub(crate) fn overlay_message(overlay: &Overlay, stamp: Stamp) -> sensor_msgs::Image {
     let image = &overlay.image.image;
     let [width, height] =
         [image.width(), image.height()].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
@@ -325,7 +325,7 @@ fn overlay_message(overlay: &Overlay, stamp: Stamp) -> sensor_msgs::Image {
     }
 }
 
-fn still(frames: &Frames, stamp: Stamp) -> tf2_msgs::TFMessage {
+pub(crate) fn still(frames: &Frames, stamp: Stamp) -> tf2_msgs::TFMessage {
     let mut edges = vec![
         display::edge::<World, _>(&frames.world_from_arm_base, stamp),
         display::edge(&frames.world_from_left_camera, stamp),

@@ -30,6 +30,7 @@ pub use error::{Damage, ReadError};
 pub use kind::FileKind;
 pub use read::LogReader;
 pub use recorder::{Log, Overflow, Written};
+pub(crate) use write::level_code;
 pub use write::{LogWriter, WriteError};
 
 /// What a log says about its run as a whole.

@@ -207,7 +207,7 @@ impl<W: Write> std::fmt::Debug for LogWriter<W> {
     }
 }
 
-pub(super) fn level_code(level: Level) -> i8 {
+pub(crate) fn level_code(level: Level) -> i8 {
     match level {
         Level::Info => rosgraph_msgs::Log::INFO,
         Level::Warning => rosgraph_msgs::Log::WARN,

@@ -1,4 +1,5 @@
-//! Runs that are served over OpenIGTLink: to pyigtl, and to clients that mean no good.
+//! Runs that are served to other programs: to pyigtl over OpenIGTLink, to a WebSocket client as a live
+//! view, and to clients that mean no good.
 #![expect(
     clippy::panic,
     clippy::unwrap_used,
