@@ -1,6 +1,8 @@
-//! Keys of the table `live`.
+//! Keys of the table `live`, and what all ways to watch a run come to.
 
 use serde::{Deserialize, Serialize};
+
+use super::Config;
 
 /// The live view over Foxglove's WebSocket protocol.
 #[expect(
@@ -40,5 +42,32 @@ impl Default for Live {
             lines_hz: 20.0,
             images_hz: 30.0,
         }
+    }
+}
+
+impl Config {
+    /// Whether an insertion starts by itself: no connection that is asked for wants to be waited for.
+    pub const fn autostarts(&self) -> bool {
+        (self.ros.autostart || !self.has_node())
+            && (self.igtl.autostart || !self.igtl.serve)
+            && (self.live.autostart || !self.live.serve)
+    }
+
+    /// Whether a connection stays up after the insertion.
+    pub const fn stays(&self) -> bool {
+        self.has_node() && self.ros.stay
+            || self.igtl.serve && self.igtl.stay
+            || self.live.serve && self.live.stay
+    }
+
+    /// Whether the run is shown on topics.
+    const fn has_node(&self) -> bool {
+        self.ros.publish
+    }
+
+    /// Whether somebody outside of ROS watches, for whom a simulated world keeps step with the wall
+    /// clock.
+    pub const fn is_watched(&self) -> bool {
+        self.igtl.serve || self.live.serve
     }
 }

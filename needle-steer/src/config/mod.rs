@@ -103,31 +103,6 @@ impl Config {
         }
     }
 
-    /// Whether an insertion starts by itself: no connection that is asked for wants to be waited for.
-    pub const fn autostarts(&self) -> bool {
-        (self.ros.autostart || !self.has_node())
-            && (self.igtl.autostart || !self.igtl.serve)
-            && (self.live.autostart || !self.live.serve)
-    }
-
-    /// Whether a connection stays up after the insertion.
-    pub const fn stays(&self) -> bool {
-        self.has_node() && self.ros.stay
-            || self.igtl.serve && self.igtl.stay
-            || self.live.serve && self.live.stay
-    }
-
-    /// Whether the run is shown on topics.
-    const fn has_node(&self) -> bool {
-        self.ros.publish
-    }
-
-    /// Whether somebody outside of ROS watches, for whom a simulated world keeps step with the wall
-    /// clock.
-    pub const fn is_watched(&self) -> bool {
-        self.igtl.serve || self.live.serve
-    }
-
     /// Whether nothing is inserted into anything.
     pub const fn is_dry(&self) -> bool {
         self.run.dry_run || self.run.dry_run_air
