@@ -8,6 +8,7 @@ mod services;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema};
 use foxglove::{WebSocketServer, WebSocketServerHandle};
@@ -26,6 +27,9 @@ use crate::ros::camera_models;
 
 /// Messages that may wait for a client: a fifth of a second, and no more than 60 MB of images.
 const BACKLOG: usize = 64;
+
+/// Time in which the SDK, which knows no flush, sends the last snapshot and the last answers.
+const PARTING: Duration = Duration::from_millis(300);
 
 /// A live view that cannot be.
 #[derive(Debug, thiserror::Error)]
@@ -142,9 +146,14 @@ impl Server {
 }
 
 impl Drop for Server {
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "waits for what is on its way; the run is over"
+    )]
     fn drop(&mut self) {
         self.feed = None;
         if let Some(handle) = self.handle.take() {
+            std::thread::sleep(PARTING);
             handle.stop().wait_blocking();
         }
     }
