@@ -1,7 +1,7 @@
 //! Other programs that watch a run and ask something of it: what they have in common, OpenIGTLink,
 //! and the live view over Foxglove's WebSocket protocol (feature `live`).
 //!
-//! A run knows an [`Interface`] only: it hands over snapshots and polls for requests, and neither
+//! A run knows an `Interface` only: it hands over snapshots and polls for requests, and neither
 //! waits. ROS is one more of them (`ros::door`).
 //!
 //! **Architecture invariant:** nothing here runs on the run's thread but the hand-over of a
