@@ -133,6 +133,23 @@ fn is_pattern(command: &str) -> bool {
             .any(|word| word.len() > 1 && word.chars().all(|c| c.is_ascii_uppercase() || c == '_'))
 }
 
+/// Files that a page shows: a fence `toml` below a line that names one.
+fn shown_files(text: &str) -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    let mut named: Option<String> = None;
+    let mut lines = text.lines();
+    while let Some(line) = lines.next() {
+        if line == "```toml" {
+            let body: Vec<&str> = lines.by_ref().take_while(|line| *line != "```").collect();
+            found.extend(named.take().map(|name| (name, body.join("\n"))));
+        } else if !line.is_empty() {
+            let is_toml = |word: &&str| Path::new(word).extension().is_some_and(|e| e == "toml");
+            named = line.split('`').find(is_toml).map(str::to_owned);
+        }
+    }
+    found
+}
+
 /// Commands that connect to a controller, which is not here: they end with that reason.
 const NEEDS_A_PEER: [&str; 1] = ["run --set viper.emulate=false --backend viper --dry-run"];
 
@@ -148,10 +165,23 @@ fn commands_of_the_other_pages_run() {
     )
     .unwrap();
     std::fs::write(folder.join("arm.urdf"), robots::arms::VIPER_S650).unwrap();
+    // Pages name the arms of the project as from its root.
+    let urdf = Path::new(ROOT).join("robots/urdf");
+    std::fs::create_dir_all(folder.join("robots/urdf")).unwrap();
+    for arm in std::fs::read_dir(urdf).unwrap().map(Result::unwrap) {
+        let copy = folder.join("robots/urdf").join(arm.file_name());
+        std::fs::copy(arm.path(), copy).unwrap();
+    }
     let mut seen = BTreeSet::new();
     for (file, text) in pages() {
         if file.ends_with("TUTORIAL.md") {
             continue;
+        }
+        for (name, body) in shown_files(&text) {
+            let shown = folder.join(name);
+            if !shown.exists() {
+                std::fs::write(shown, body).unwrap();
+            }
         }
         for command in commands(&text) {
             let first = command.split_whitespace().next().unwrap_or_default();
