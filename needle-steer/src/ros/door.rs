@@ -36,16 +36,7 @@ impl Door {
         let options = BridgeOptions {
             joint_names: bearings.chain.names().to_vec(),
             joint_states: config.run.backend != Backend::Ros,
-            frames: Frames {
-                world_from_arm_base: bearings.world_from_arm_base,
-                // The robot's description has it.
-                flange_from_needle_base: None,
-                world_from_left_camera: bearings.world_from_left_camera,
-                left_from_right: bearings
-                    .cameras
-                    .as_ref()
-                    .map(|pair| pair.right_from_left.inverse()),
-            },
+            frames: frames(bearings),
             cameras: bearings.cameras.as_ref().map(camera_models),
             rates: Rates {
                 joint_states_hz: config.ros.joint_states_hz,
@@ -91,6 +82,20 @@ impl Interface for Door {
     fn warn(&mut self, text: &str) -> bool {
         self.node.warn(text);
         true
+    }
+}
+
+/// The frames that rest, as watchers are told them.
+pub(crate) fn frames(bearings: &Bearings) -> Frames {
+    Frames {
+        world_from_arm_base: bearings.world_from_arm_base,
+        // The robot's description has it.
+        flange_from_needle_base: None,
+        world_from_left_camera: bearings.world_from_left_camera,
+        left_from_right: bearings
+            .cameras
+            .as_ref()
+            .map(|pair| pair.right_from_left.inverse()),
     }
 }
 

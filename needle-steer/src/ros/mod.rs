@@ -28,7 +28,7 @@ use crate::config::{Backend, Config, RosClock, RosImages, SensorKind, TargetKind
 use crate::controls::Controls;
 use crate::rig::{Eyes, MarkerEyes, Pace};
 
-pub(crate) use door::{Door, camera_models};
+pub(crate) use door::{Door, camera_models, frames};
 pub use laboratory::{Watchdog, emulate, serve};
 pub(crate) use motion::to_rates;
 pub use relay::{RelayNodeError, relay};

@@ -14,7 +14,6 @@ use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema};
 use foxglove::{WebSocketServer, WebSocketServerHandle};
 use hal::request::Request;
 use hal::{ArmState, Overlay, Stamp, StereoFrame, Telemetry};
-use rosbridge::bridge::Frames;
 use rosbridge::stream::{MESSAGE_ENCODING, SCHEMA_ENCODING, Stream, Topic};
 
 use super::address::{AddressError, resolve};
@@ -23,7 +22,7 @@ use super::{Due, Feed, FeedRates, Interface, Mailbox, Scene, Show};
 use crate::config::Live;
 use crate::controls::Controls;
 use crate::cycle::Bearings;
-use crate::ros::camera_models;
+use crate::ros::{camera_models, frames};
 
 /// Messages that may wait for a client: a fifth of a second, and no more than 60 MB of images.
 const BACKLOG: usize = 64;
@@ -113,15 +112,7 @@ impl Server {
             channels,
             stream: Stream {
                 joint_names: bearings.chain.names().to_vec(),
-                frames: Frames {
-                    world_from_arm_base: bearings.world_from_arm_base,
-                    flange_from_needle_base: None,
-                    world_from_left_camera: bearings.world_from_left_camera,
-                    left_from_right: bearings
-                        .cameras
-                        .as_ref()
-                        .map(|pair| pair.right_from_left.inverse()),
-                },
+                frames: frames(bearings),
                 cameras: bearings.cameras.as_ref().map(camera_models),
             },
         };
