@@ -8,9 +8,9 @@ use nalgebra::{Isometry3, Point3};
 const SLACK: f64 = 10e-3;
 /// Chord from base to tip over the needle's length \[1\]: less bends it beyond its yield stress.
 const SHORTEST: f64 = 0.8;
-/// Offset of the tip from the base's axis over the needle's length \[1\]: a quarter is a mean
-/// turn of 15 degrees.
-const ASIDE: f64 = 0.35;
+/// Offset of the tip from the base's axis over the needle's length \[1\]: a mean turn of 30 degrees.
+/// Targets 20 mm aside take 0.35.
+const ASIDE: f64 = 0.5;
 /// Speed of the tip beyond the base's \[m/s\]: deep breathing of 15 mm at 0.3 Hz makes 25 mm/s.
 const FASTEST: f64 = 0.06;
 /// Leap that noise may make \[m\].
