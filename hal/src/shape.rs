@@ -52,4 +52,10 @@ pub trait ShapeSensor: Send {
     /// # Errors
     /// The sensor is gone.
     fn poll(&mut self) -> Result<Option<SensedShape>, Error>;
+
+    /// Why no shapes come, in words, from sensors that know it: before the first shape, and when the
+    /// newest is old. Sensors that say nothing are taken to be ready.
+    fn hindrance(&self) -> Option<String> {
+        None
+    }
 }

@@ -1,7 +1,7 @@
 //! The clocks of a run.
 
 use std::fmt;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use hal::{Clock, Stamp};
 
@@ -104,6 +104,18 @@ impl WallTime {
     pub fn now(&self) -> Stamp {
         Stamp::ZERO + self.0.elapsed()
     }
+}
+
+/// Wall-clock time since the epoch when a run's time was zero, if it is `now`.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "messages and logs are laid beside those of others, by wall-clock time"
+)]
+pub fn began(now: Stamp) -> Duration {
+    let since_epoch = SystemTime::now()
+        .duration_since(SystemTime::UNIX_EPOCH)
+        .unwrap_or_default();
+    since_epoch.saturating_sub(now.since(Stamp::ZERO))
 }
 
 /// Wall-clock time since the clock was made; drives a simulated world, if there is one, in step.

@@ -3,17 +3,20 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
+use std::time::Duration;
 
 use anyhow::Context;
 use hal::telemetry::{Phase, Telemetry};
 use hal::{ArmState, Position, RateCommand, SensedMarker, SensedShape, Stamp, StereoFrame};
-use rosbridge::log::{Level, Log, Overflow, Record, RunInfo, WriteError};
+use rosbridge::log::{Level, Log, Overflow, Record, RunInfo, Scenery, WriteError};
 
 use vision::track::Tracked;
 
 use crate::config::Config;
 use crate::cycle::Bearings;
 use crate::outcome::Summary;
+use crate::rig;
+use crate::ros::{camera_models, frames};
 use crate::run::Observer;
 
 /// Writes a run's log as it goes. A failing disk never disturbs the run: the first error is kept
@@ -33,10 +36,11 @@ impl Journal {
     /// The file cannot be made, or the configuration not be written as TOML.
     pub fn create(place: &Path, config: &Config, bearings: &Bearings) -> anyhow::Result<Self> {
         let file = File::create(place).with_context(|| place.display().to_string())?;
-        Self::new(file, place, config, bearings, Overflow::Wait)
+        Self::new(file, place, config, bearings, Overflow::Wait, None)
     }
 
-    /// A log in an empty `file`, which errors call `place`.
+    /// A log in an empty `file`, which errors call `place`; the run's time was zero at `began` since the
+    /// epoch.
     ///
     /// # Errors
     /// The file cannot be written, or the configuration not be written as TOML.
@@ -46,8 +50,9 @@ impl Journal {
         config: &Config,
         bearings: &Bearings,
         overflow: Overflow,
+        began: Option<Duration>,
     ) -> anyhow::Result<Self> {
-        Self::labelled(file, place, config, bearings, overflow, None)
+        Self::labelled(file, place, config, bearings, (overflow, began), None)
     }
 
     /// A new log of a withdrawal at `place`; `insertion` is the log of the insertion before it.
@@ -59,6 +64,7 @@ impl Journal {
         config: &Config,
         bearings: &Bearings,
         insertion: Option<&Path>,
+        began: Duration,
     ) -> anyhow::Result<Self> {
         let name = insertion.map_or_else(String::new, |log| log.display().to_string());
         let file = File::create(place).with_context(|| place.display().to_string())?;
@@ -68,7 +74,8 @@ impl Journal {
         } else {
             Overflow::Wait
         };
-        Self::labelled(file, place, config, bearings, overflow, Some(name))
+        let timing = (overflow, Some(began));
+        Self::labelled(file, place, config, bearings, timing, Some(name))
     }
 
     fn labelled(
@@ -76,7 +83,7 @@ impl Journal {
         place: &Path,
         config: &Config,
         bearings: &Bearings,
-        overflow: Overflow,
+        (overflow, began): (Overflow, Option<Duration>),
         withdrawal_of: Option<String>,
     ) -> anyhow::Result<Self> {
         let label = |key: &str, value: &str| (key.to_owned(), value.to_owned());
@@ -92,11 +99,17 @@ impl Journal {
             .into_iter()
             .chain(withdrawal_of)
             .collect(),
+            began,
             joint_names: bearings.chain.names().to_vec(),
             world_from_left_camera: bearings.world_from_left_camera,
         };
+        let scenery = Scenery {
+            robot: rig::description(config),
+            frames: Some(frames(bearings)),
+            cameras: bearings.cameras.as_ref().map(camera_models),
+        };
         let mut journal = Self {
-            log: Log::new(file, place, &info, overflow)?,
+            log: Log::new(file, place, &info, scenery, overflow)?,
             error: None,
             phase: Phase::Idle,
             newest_image: None,

@@ -58,6 +58,7 @@ pub mod results;
 pub mod statistics;
 pub mod plot;
 pub mod experiments;
+pub mod export;
 pub mod comparison;
 pub mod robustness;
 pub mod cli;

@@ -11,9 +11,9 @@ use hybrid_control::Law;
 use rosbridge::log::{LogReader, Overflow, ReadError, WriteError};
 use vision::track::Tracked;
 
+use crate::clock::began;
 use crate::config::{Config, Invalid};
 use crate::controls::Controls;
-use crate::cycle::Bearings;
 use crate::journal::Journal;
 use crate::observer::{Both, Observer};
 use crate::outcome::Summary;
@@ -95,7 +95,7 @@ pub fn carry_out(
         Some(plant) => Rig::with_plant(config, plant)?,
         None => Rig::new(config)?,
     };
-    let mut recorder = Recorder::new(config, &rig.bearings, out.as_ref())?;
+    let mut recorder = Recorder::new(config, &rig, out.as_ref())?;
     let mut insertion = Insertion::begin(config, &mut rig)?;
     insertion.folder = out.as_ref().map(|out| out.path().to_owned());
     if let Some(law) = parts.law {
@@ -126,18 +126,15 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// A recorder of a run on `config`, with a log in `out` if there is that folder.
+    /// A recorder of a run of `rig` on `config`, with a log in `out` if there is that folder.
     ///
     /// # Errors
     /// The log cannot be begun.
-    pub fn new(
-        config: &Config,
-        bearings: &Bearings,
-        out: Option<&RunFolder>,
-    ) -> anyhow::Result<Self> {
+    pub fn new(config: &Config, rig: &Rig, out: Option<&RunFolder>) -> anyhow::Result<Self> {
+        let (bearings, began) = (&rig.bearings, Some(began(rig.clock.now())));
         let begin = |out: &RunFolder| {
             let (file, place) = out.log()?;
-            Journal::new(file, &place, config, bearings, overflow(config))
+            Journal::new(file, &place, config, bearings, overflow(config), began)
         };
         Ok(Self {
             rows: Vec::new(),

@@ -161,7 +161,7 @@ impl<'a> Insertion<'a> {
         self.rig.check_start(&self.first)?;
         self.attach_marker(config);
         self.rig.await_marker(config)?;
-        self.rig.await_images()?;
+        self.rig.await_sight()?;
         let ended = self.conduct(config, observer, controls)?;
         controls.refuse_aims();
         let ended = match ended {
@@ -180,7 +180,7 @@ impl<'a> Insertion<'a> {
     ) -> withdrawal::Summary {
         let record = self.folder.as_ref().map(|folder| {
             let log = folder.join("run.mcap");
-            withdrawal::Record::beside(folder, config, &self.rig.bearings, Some(&log))
+            withdrawal::Record::beside(folder, config, self.rig, Some(&log))
         });
         let request = withdrawal::Request::of_run(&mut self.path, self.cycle.telemetry().step);
         let record = record.unwrap_or_default();

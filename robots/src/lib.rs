@@ -7,5 +7,6 @@
 
 pub mod arms;
 pub mod kinematics;
+pub mod meshes;
 pub mod sim;
 pub mod viper;

@@ -5,6 +5,7 @@
 //! * [`msg`]: the messages, generated from `msgs` at build time.
 //! * [`bridge`]: a run on topics, and requests from services.
 //! * [`arm`], [`cameras`], [`marker`]: the back end: devices behind topics.
+//! * [`aside`]: a thread beside a run, which is never waited for.
 //! * [`dead_man`]: the operator's token.
 //! * [`laboratory`], [`lockstep`]: an emulated laboratory, and its time moved by the controller.
 //! * [`emulator`]: the other side of the back end: an arm, cameras, a laboratory as a node.
@@ -13,11 +14,14 @@
 //! * [`stream`]: a run as ROS 1 messages for programs without ROS.
 //! * [`log`]: a run as an MCAP file of ROS 1 messages, written while it goes, and read back
 //!   bit by bit.
+//! * [`bag`]: such a file as a bag of ROS 1 or of ROS 2.
 //!
 //! **Architecture invariant:** nothing here runs inside the control loop; the loop hands over
 //! snapshots and goes on.
 
 pub mod arm;
+pub mod aside;
+pub mod bag;
 pub mod bridge;
 pub mod cameras;
 mod codes;

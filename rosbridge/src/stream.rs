@@ -8,7 +8,8 @@ use crate::bridge::{CameraModel, Frames, overlay_message, still};
 use crate::log::Level;
 use crate::log::level_code;
 use crate::msg::{
-    geometry_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs, tf2_msgs, visualization_msgs,
+    geometry_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs,
+    visualization_msgs,
 };
 use crate::seam::{Message, RosMsg};
 use crate::{convert, display};
@@ -34,6 +35,7 @@ pub enum Topic {
     RightInfo,
     Overlay,
     Note,
+    Robot,
 }
 
 /// A topic's name, type and definition.
@@ -57,7 +59,7 @@ fn channel<M: Message>(name: &'static str) -> Channel {
 
 impl Topic {
     /// All topics.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::JointStates,
         Self::Tip,
         Self::State,
@@ -70,6 +72,7 @@ impl Topic {
         Self::RightInfo,
         Self::Overlay,
         Self::Note,
+        Self::Robot,
     ];
 
     /// Name, type and definition.
@@ -87,6 +90,7 @@ impl Topic {
             Self::RightInfo => channel::<sensor_msgs::CameraInfo>("/right/camera_info"),
             Self::Overlay => channel::<sensor_msgs::Image>("/overlay"),
             Self::Note => channel::<rosgraph_msgs::Log>("/rosout"),
+            Self::Robot => channel::<std_msgs::String>("/robot_description"),
         }
     }
 }
@@ -100,6 +104,8 @@ pub struct Stream {
     pub frames: Frames,
     /// Left and right camera, where known.
     pub cameras: Option<[CameraModel; 2]>,
+    /// The arm's description, URDF.
+    pub robot: Option<String>,
 }
 
 impl Stream {
@@ -163,6 +169,12 @@ impl Stream {
     /// `/overlay`.
     pub fn overlay(&self, overlay: &Overlay) -> Option<Vec<u8>> {
         bytes(&overlay_message(overlay, overlay.image.stamp))
+    }
+
+    /// `/robot_description`.
+    pub fn robot(&self) -> Option<Vec<u8>> {
+        let data = self.robot.clone()?;
+        bytes(&std_msgs::String { data })
     }
 
     /// `/rosout`: a warning.

@@ -11,6 +11,7 @@ mod check;
 mod dead_man;
 mod emulate;
 mod estimate;
+mod export;
 mod faults;
 mod model;
 mod relay;
@@ -18,6 +19,7 @@ mod replay;
 mod report;
 mod reproduce;
 mod run;
+mod served;
 mod track;
 mod validate;
 mod way_out;
@@ -54,6 +56,8 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Where two recorded runs part.
     Diff(replay::DiffArgs),
+    /// A recorded run as a bag of ROS 1 or ROS 2, or as a table.
+    Export(export::ExportArgs),
     /// One HTML page of a run, a campaign or the paper's experiments; needs no network.
     Report(report::ReportArgs),
     /// Stiffness, tip load and natural curvature of one's own needle from recorded insertions.
@@ -206,6 +210,7 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Campaign(args) => return campaign::execute(&args),
         Command::Replay(args) => return replay::execute(&args),
         Command::Diff(args) => return replay::execute_diff(&args),
+        Command::Export(args) => return export::execute(&args),
         Command::Report(args) => return report::execute(&args),
         Command::Estimate(args) => return estimate::execute(&args),
         Command::Validate(args) => return validate::execute(&args),

@@ -16,6 +16,7 @@ use vision::track::Tracked;
 
 use super::dead_man;
 use super::print_json;
+use super::served::Served;
 use super::way_out::with_way_out;
 use crate::clock::WallTime;
 use crate::config::{self, Config, LARGEST_SEED};
@@ -71,26 +72,8 @@ pub(super) struct RunArgs {
         default_missing_value = "checks"
     )]
     dry_run: Option<DryRun>,
-    /// Serve the run over OpenIGTLink: for 3D Slicer, PLUS; at this address and port, or the
-    /// configuration's (igtl.address).
-    #[arg(
-        long,
-        value_name = "ADDRESS",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = ""
-    )]
-    igtl: Option<String>,
-    /// Serve a live view for Foxglove or Lichtblick; at this address and port, or the configuration's
-    /// (live.address).
-    #[arg(
-        long,
-        value_name = "ADDRESS",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = ""
-    )]
-    live: Option<String>,
+    #[command(flatten)]
+    served: Served,
     /// Folder for the results, made if missing; by default the next free `out/NNN-LAW-PHANTOM-SEED`.
     #[arg(long)]
     out: Option<PathBuf>,
@@ -115,16 +98,7 @@ impl RunArgs {
                     .map(|value| format!("{key}={}", config::quoted(value))),
             );
         }
-        for (table, address) in [("igtl", &self.igtl), ("live", &self.live)] {
-            let Some(address) = address else {
-                continue;
-            };
-            overrides.push(format!("{table}.serve=true"));
-            if !address.is_empty() {
-                let address = config::quoted(address);
-                overrides.push(format!("{table}.address={address}"));
-            }
-        }
+        overrides.extend(self.served.overrides());
         overrides.extend(self.seed.map(|seed| format!("run.seed={seed}")));
         overrides.extend(self.dry_run.map(|how| match how {
             DryRun::Checks => "run.dry_run=true".into(),
@@ -162,17 +136,19 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         writeln!(std::io::stderr(), "joints {joints} deg\narm: {margins}")?;
     }
     let mut session = Session::open(&config, link.as_ref(), &rig, &controls)?;
-    if let Some(session) = &mut session
-        && session.waits(&config, &mut rig)
-        && session::wait(&config, &mut rig, session, &controls)? == Leave::Quit
-    {
-        return Ok(ExitCode::from(1));
+    if let Some(session) = &mut session {
+        session::show(&config, &mut rig, session)?;
+        if session.waits(&config, &mut rig)
+            && session::wait(&config, &mut rig, session, &controls)? == Leave::Quit
+        {
+            return Ok(ExitCode::from(1));
+        }
     }
     let out = match out {
         None if !config.run.dry_run => next_folder(&config),
         given => given,
     };
-    let record = Recorder::new(&config, &rig.bearings, out.as_ref())?;
+    let record = Recorder::new(&config, &rig, out.as_ref())?;
     let mut watcher = Watcher::new(&config, record, session);
     let mut insertion = Insertion::begin(&config, &mut rig)?;
     if config.run.dry_run

@@ -70,10 +70,10 @@ pub(super) fn execute(args: &WithdrawArgs) -> anyhow::Result<ExitCode> {
     controls.ask(Wish::Retract);
     let log = Some(args.log.as_path());
     let record = if let Some(out) = &args.out {
-        Record::create(out.clone(), &config, &rig.bearings, log)
+        Record::create(out.clone(), &config, &rig, log)
     } else {
         let beside = recording.insertion.parent().unwrap_or(Path::new("."));
-        Record::beside(beside, &config, &rig.bearings, log)
+        Record::beside(beside, &config, &rig, log)
     };
     let lead = recording.lead();
     let request = Request {

@@ -1,5 +1,7 @@
 //! Ranges of the configuration's values.
 
+mod remote;
+
 use super::{Config, FARTHEST_MM, Invalid, LARGEST_SEED, TargetKind};
 
 /// The value lies in `low..=high`.
@@ -215,6 +217,12 @@ impl Config {
                 "many runs are not shown over ROS; expected false",
             );
         }
+        if self.tracker.is_used() {
+            return refused(
+                "tracker.source",
+                "many runs take no wall-clock time, as a tracker does; expected none",
+            );
+        }
         Ok(())
     }
 
@@ -341,25 +349,6 @@ impl Config {
         Err(Invalid {
             key: "ros.uri".into(),
             problem: format!("expected http://HOST:PORT/, found `{}`", ros.uri),
-        })
-    }
-
-    fn validate_remote(&self) -> Result<(), Invalid> {
-        let igtl = &self.igtl;
-        within("igtl.poses_hz", igtl.poses_hz, 0.1, 200.0)?;
-        within("igtl.lines_hz", igtl.lines_hz, 0.1, 200.0)?;
-        within("igtl.images_hz", igtl.images_hz, 0.1, 100.0)?;
-        let live = &self.live;
-        within("live.poses_hz", live.poses_hz, 0.1, 200.0)?;
-        within("live.lines_hz", live.lines_hz, 0.1, 200.0)?;
-        within("live.images_hz", live.images_hz, 0.1, 100.0)?;
-        let name = &igtl.target_device;
-        if (1..=20).contains(&name.len()) && name.chars().all(|c| c.is_ascii_graphic()) {
-            return Ok(());
-        }
-        Err(Invalid {
-            key: "igtl.target_device".into(),
-            problem: format!("expected 1 to 20 letters, digits and signs, found `{name}`"),
         })
     }
 

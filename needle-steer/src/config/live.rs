@@ -61,7 +61,7 @@ impl Config {
     }
 
     /// Whether the run is shown on topics.
-    const fn has_node(&self) -> bool {
+    pub(super) const fn has_node(&self) -> bool {
         self.ros.publish
     }
 

@@ -10,6 +10,7 @@ mod needle;
 mod phantom;
 mod ros;
 mod supervisor;
+mod tracker;
 
 use std::collections::BTreeMap;
 
@@ -23,6 +24,7 @@ pub use load::{Base, ConfigError, Origin, assemble, load, parse, quoted};
 pub use needle::{Needle, NeedleSupport};
 pub use ros::{Ros, RosClock, RosImages};
 pub use supervisor::Supervisor;
+pub use tracker::{Tracker, TrackerSource};
 
 /// The commented default configuration, as `needle-steer config default` prints it.
 pub const DEFAULT_TOML: &str = include_str!("default.toml");
@@ -61,6 +63,8 @@ pub struct Config {
     pub ros: Ros,
     /// OpenIGTLink: what is shown, and what is asked.
     pub igtl: Igtl,
+    /// A tracker over OpenIGTLink, for the sensor `em`.
+    pub tracker: Tracker,
     /// The live view: what is shown, and what is asked.
     pub live: Live,
     /// Limits that every law keeps.
@@ -86,6 +90,7 @@ impl Config {
         self.run.plant = PlantKind::Model;
         self.run.sensor = SensorKind::Shape;
         self.run.phantom = "ideal".into();
+        self.tracker.source = TrackerSource::None;
         // An estimator believes no measurement that claims to be exact.
         let noise = [("noise_mm", 0.02), ("direction_noise_deg", 0.1)];
         let sensor = noise.map(|(key, value)| (key.to_owned(), value.into()));

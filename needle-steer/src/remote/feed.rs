@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use hal::{ArmState, Overlay, StereoFrame, Telemetry};
+use rosbridge::aside::Aside;
 
 use super::now;
 
@@ -74,11 +74,7 @@ pub(crate) trait Show: Send + 'static {
 
 /// The run's end. Dropping it shows the last snapshot and ends the thread.
 #[derive(Debug)]
-pub(crate) struct Feed {
-    items: Option<SyncSender<Item>>,
-    dropped: Arc<AtomicU64>,
-    thread: Option<JoinHandle<()>>,
-}
+pub(crate) struct Feed(Aside<Item>);
 
 impl Feed {
     /// Starts a thread of this name.
@@ -87,53 +83,26 @@ impl Feed {
         rates: FeedRates,
         mut show: impl Show,
     ) -> std::io::Result<Self> {
-        let (items, queue) = sync_channel(QUEUE);
-        let dropped = Arc::new(AtomicU64::new(0));
-        let counted = Arc::clone(&dropped);
-        let thread = std::thread::Builder::new()
-            .name(name.to_owned())
-            .spawn(move || run(&queue, rates, &counted, &mut show))?;
-        Ok(Self {
-            items: Some(items),
-            dropped,
-            thread: Some(thread),
-        })
+        let work = move |items: &Receiver<Item>, dropped: &AtomicU64| {
+            run(items, rates, dropped, &mut show);
+        };
+        Aside::start(name, QUEUE, work).map(Self)
     }
 
     pub(crate) fn step(&self, telemetry: &Arc<Telemetry>) {
-        self.put(Item::Step(Arc::clone(telemetry)));
+        self.0.put(Item::Step(Arc::clone(telemetry)));
     }
 
     pub(crate) fn arm(&self, state: &ArmState) {
-        self.put(Item::Arm(*state));
+        self.0.put(Item::Arm(*state));
     }
 
     pub(crate) fn images(&self, pair: &StereoFrame, overlay: &Arc<Overlay>) {
-        self.put(Item::Images(pair.clone(), Arc::clone(overlay)));
+        self.0.put(Item::Images(pair.clone(), Arc::clone(overlay)));
     }
 
     pub(crate) fn warning(&self, text: &str) {
-        self.put(Item::Warning(text.to_owned()));
-    }
-
-    fn put(&self, item: Item) {
-        let sent = self
-            .items
-            .as_ref()
-            .is_some_and(|items| items.try_send(item).is_ok());
-        if !sent {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-}
-
-impl Drop for Feed {
-    fn drop(&mut self) {
-        self.items = None;
-        if let Some(thread) = self.thread.take() {
-            // A panic has been reported where it happened.
-            let _ = thread.join();
-        }
+        self.0.put(Item::Warning(text.to_owned()));
     }
 }
 

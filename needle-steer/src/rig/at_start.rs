@@ -13,7 +13,7 @@ const AT_START: f64 = 0.01;
 #[error(
     "the arm does not stand at the start of the insertion: the needle's base is {distance_mm:.1} mm \
      and {angle_deg:.1} deg away from it, joint {joint} (from 1) at {at} instead of {expected}. \
-     Move it to {start} (~home does where it is offered; \
+     Move it to {start} (the request home does where it is offered; \
      tissue.entry_mm, needle.length_mm and [arm] set that place)"
 )]
 pub struct NotAtStart {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use hal::frame::{ArmBase, NeedleBase, World};
+use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::{Arm, Clock, Transform};
 use nalgebra::Isometry3;
 use phantom::camera::StereoRig;
@@ -15,6 +15,7 @@ use super::{Eyes, MarkerEyes, RigBuildError};
 use crate::clock::{LockstepClock, PacedClock, WallClock, WallTime};
 use crate::config::{Backend, Config, PlantKind, SensorKind, ViperDialect};
 use crate::host;
+use crate::remote::igtl::Tracker;
 use crate::ros::Link;
 use crate::score::Scoring;
 use crate::twin::TwinPlant;
@@ -35,6 +36,8 @@ pub(super) struct Place {
     pub(super) joints: hal::Joints,
     /// Cameras as they truly are; where only shapes are sensed, their frame.
     pub(super) stereo: StereoRig,
+    /// World in the stereo frame, as registered.
+    pub(super) left_from_world: Transform<LeftCamera, World>,
 }
 
 /// What a run moves, sees and waits with.
@@ -43,6 +46,7 @@ pub(super) struct Devices {
     pub(super) arm: Box<dyn Arm>,
     pub(super) eyes: Eyes,
     pub(super) marker: MarkerEyes,
+    pub(super) tracker: Option<Tracker>,
     pub(super) world: Option<Box<dyn Scoring>>,
     pub(super) simulated_arm: Option<SimulatedArm>,
     pub(super) emulator: Option<Emulator>,
@@ -57,6 +61,16 @@ pub enum Pace {
     Paced(WallTime),
     /// With the wall clock, whatever else waits.
     Wall(WallTime),
+}
+
+impl Pace {
+    /// The wall-clock time that it keeps, or may keep from now on.
+    fn time(self) -> WallTime {
+        match self {
+            Self::Free => WallTime::start(),
+            Self::Paced(time) | Self::Wall(time) => time,
+        }
+    }
 }
 
 impl Place {
@@ -84,8 +98,8 @@ impl Place {
         let images = config.run.sensor == SensorKind::Images;
         let bench = match config.run.sensor {
             SensorKind::Images => bench.with_cameras(self.stereo),
-            SensorKind::Shape => bench,
-            SensorKind::Em => bench.with_em(&settings, &setup),
+            SensorKind::Em if !config.tracker.is_used() => bench.with_em(&settings, &setup),
+            SensorKind::Shape | SensorKind::Em => bench,
         };
         let ArmParts {
             arm,
@@ -94,6 +108,15 @@ impl Place {
             simulated_arm,
             emulator,
         } = ArmParts::of(config, &self.chain, &self.joints)?;
+        let pace = time.map_or(pace, Pace::Wall);
+        // Another process measures on the wall clock.
+        let pace = if config.tracker.is_used() {
+            Pace::Wall(pace.time())
+        } else {
+            pace
+        };
+        let tracked = tracked(config, pace.time(), &self.left_from_world)?;
+        let tracker = tracked.as_ref().map(|(tracker, _)| tracker.clone());
         let world = SimulatedWorld::new(
             body,
             self.chain,
@@ -103,7 +126,7 @@ impl Place {
         );
         let moved = world.clone();
         let advance = move |now| moved.advance_to(now);
-        let clock: Box<dyn Clock> = match time.map_or(pace, Pace::Wall) {
+        let clock: Box<dyn Clock> = match pace {
             Pace::Free => Box::new(LockstepClock::new(TICK, advance)),
             Pace::Paced(wall) => Box::new(PacedClock::new(LockstepClock::new(TICK, advance), wall)),
             Pace::Wall(wall) => Box::new(WallClock::driving(wall, TICK, advance)),
@@ -111,12 +134,13 @@ impl Place {
         Ok(Devices {
             clock,
             arm,
-            eyes: if images {
-                Eyes::Cameras(Box::new(world.cameras()))
-            } else {
-                Eyes::Shape(Box::new(world.shape_sensor()))
+            eyes: match tracked {
+                Some((_, eyes)) => eyes,
+                None if images => Eyes::Cameras(Box::new(world.cameras())),
+                None => Eyes::Shape(Box::new(world.shape_sensor())),
             },
             marker: MarkerEyes::new(Box::new(world.marker_sensor())),
+            tracker,
             world: Some(Box::new(world)),
             simulated_arm,
             emulator,
@@ -139,17 +163,24 @@ impl Place {
         if config.run.sensor == SensorKind::Images && config.cameras.calibration.is_empty() {
             return Err(missing("cameras.calibration and cameras.registration"));
         }
-        let link = link.ok_or_else(|| {
-            missing("cameras or a tracker, which come over ROS: ros.publish = true")
-        })?;
-        let eyes = link.eyes(config)?;
-        let time = link.time();
+        let time = link.map_or_else(WallTime::start, Link::time);
+        let (tracker, eyes) = match (tracked(config, time, &self.left_from_world)?, link) {
+            (Some((tracker, eyes)), _) => (Some(tracker), eyes),
+            (None, Some(link)) => (None, link.eyes(config)?),
+            (None, None) => {
+                let what = "cameras or a tracker: over ROS (ros.publish = true), or a tracker over \
+                            OpenIGTLink (tracker.source)";
+                return Err(missing(what));
+            }
+        };
+        let marker = link.map_or_else(|| Ok(MarkerEyes::default()), |link| link.marker(config))?;
         let (arm, _) = host::connect(config, &self.chain, Some(&self.joints), time)?;
         Ok(Devices {
             clock: Box::new(WallClock::since(time)),
             arm: Box::new(arm),
             eyes,
-            marker: link.marker(config)?,
+            marker,
+            tracker,
             world: None,
             simulated_arm: None,
             emulator: None,
@@ -168,6 +199,7 @@ impl Place {
             arm: Box::new(arm),
             eyes: Eyes::none(),
             marker: MarkerEyes::default(),
+            tracker: None,
             world: None,
             simulated_arm: None,
             emulator: None,
@@ -176,16 +208,34 @@ impl Place {
 
     pub(super) fn over_ros(&self, config: &Config, link: &Link) -> Result<Devices, RigBuildError> {
         let parts = link.devices(config, &self.chain)?;
+        let (tracker, eyes) = match tracked(config, link.time(), &self.left_from_world)? {
+            Some((tracker, eyes)) => (Some(tracker), eyes),
+            None => (None, parts.eyes),
+        };
         Ok(Devices {
             clock: parts.clock,
             arm: parts.arm,
-            eyes: parts.eyes,
+            eyes,
             marker: link.marker(config)?,
+            tracker,
             world: parts.truth.map(|truth| Box::new(truth) as Box<dyn Scoring>),
             simulated_arm: None,
             emulator: None,
         })
     }
+}
+
+/// The tracker that `config` asks for, and what sees the needle through it.
+fn tracked(
+    config: &Config,
+    time: WallTime,
+    left_from_world: &Transform<LeftCamera, World>,
+) -> Result<Option<(Tracker, Eyes)>, RigBuildError> {
+    if !config.tracker.is_used() {
+        return Ok(None);
+    }
+    let (tracker, sensor) = Tracker::open(config, time, left_from_world)?;
+    Ok(Some((tracker, Eyes::Shape(Box::new(sensor)))))
 }
 
 /// The controller's own model in the phantom's place.

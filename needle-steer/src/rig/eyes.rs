@@ -6,8 +6,8 @@ use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame};
 
 use super::{Rig, RigBuildError, TICK};
 
-/// Longest wait for the first pair of images.
-const FIRST_PAIR: Duration = Duration::from_secs(2);
+/// Longest wait for the first sight of the needle.
+const FIRST_SIGHT: Duration = Duration::from_secs(2);
 
 /// What sees the needle.
 pub enum Eyes {
@@ -76,10 +76,10 @@ impl Eyes {
         Self::Shape(Box::new(Nobody))
     }
 
-    /// Why nothing is seen, in words, from cameras that know it.
+    /// Why nothing is seen, in words, from what knows it.
     pub fn hindrance(&self) -> Option<String> {
         match self {
-            Self::Shape(_) => None,
+            Self::Shape(sensor) => sensor.hindrance(),
             Self::Cameras(cameras) => cameras.hindrance(),
         }
     }
@@ -97,20 +97,29 @@ impl Eyes {
 }
 
 impl Rig {
-    /// Waits until the cameras show pairs of images; those of a simulated laboratory do at once.
+    /// Waits until the needle is seen; in a simulated laboratory it is at once.
     ///
     /// # Errors
-    /// None come, and why.
-    pub(crate) fn await_images(&mut self) -> Result<(), RigBuildError> {
-        let patience = self.clock.now() + FIRST_PAIR;
-        while let Some(problem) = self.eyes.hindrance() {
+    /// It is not, and why.
+    pub(crate) fn await_sight(&mut self) -> Result<(), RigBuildError> {
+        let patience = self.clock.now() + FIRST_SIGHT;
+        while let Some(blind) = self.blind() {
             if self.clock.now() > patience {
-                return Err(RigBuildError::NoImages { problem });
+                return Err(blind);
             }
             let next = self.clock.now() + TICK;
             self.clock.wait_until(next);
         }
         Ok(())
+    }
+
+    /// Why an insertion cannot start for want of sight; nothing where it can.
+    pub(crate) fn blind(&self) -> Option<RigBuildError> {
+        let problem = self.eyes.hindrance()?;
+        Some(match self.eyes {
+            Eyes::Shape(_) => RigBuildError::NoTip { problem },
+            Eyes::Cameras(_) => RigBuildError::NoImages { problem },
+        })
     }
 }
 

@@ -26,10 +26,11 @@ use robots::viper;
 
 use crate::cameras;
 use crate::clock::WallTime;
-use crate::config::{Backend, Config, SensorKind};
+use crate::config::{Backend, Config, SensorKind, TrackerSource};
 use crate::cycle::Bearings;
 use crate::guide::{Guide, GuideMisfit};
 use crate::host::HostError;
+use crate::remote::igtl::{Tracker, TrackerError};
 use crate::ros::Link;
 use crate::score::Scoring;
 use crate::springs::SpringsError;
@@ -40,7 +41,7 @@ pub use devices::{Pace, PlantMaker};
 pub use eyes::{Eyes, Sighting};
 pub use fit::{Course, Demand, Misfit, check_chain, follow};
 pub use marker::MarkerEyes;
-pub use start::{Start, arm_place, assumed_speeds, bearings, chain, start};
+pub use start::{Start, arm_place, assumed_speeds, bearings, chain, description, start};
 pub use suggest::{Place as Suggestion, placed, suggest};
 pub(crate) use tool::PlacedTool;
 use tool::check_start;
@@ -173,6 +174,15 @@ pub enum RigBuildError {
         /// What keeps them from coming.
         problem: String,
     },
+    /// The sensor of the tip measures nothing.
+    #[error("the needle's tip is not measured: {problem}")]
+    NoTip {
+        /// What keeps measurements from coming.
+        problem: String,
+    },
+    /// The tracker of the tip.
+    #[error("tracker: {0}")]
+    Tracker(#[from] TrackerError),
     /// A device.
     #[error(transparent)]
     Device(#[from] hal::Error),
@@ -182,6 +192,7 @@ pub enum RigBuildError {
 pub fn blind(config: &Config) -> Config {
     let mut config = config.clone();
     config.run.sensor = SensorKind::Shape;
+    config.tracker.source = TrackerSource::None;
     config.cameras.calibration.clear();
     config.cameras.second_calibration.clear();
     config.cameras.registration.clear();
@@ -200,6 +211,8 @@ pub struct Rig {
     pub bearings: Bearings,
     /// What sees the marker that the tissue carries.
     pub marker: MarkerEyes,
+    /// Where a tracker's measurements of the tip arrive, where it is the sensor.
+    pub tracker: Option<Tracker>,
     /// The laboratory that knows the truth, where there is one: for protocol and score.
     pub world: Option<Box<dyn Scoring>>,
     /// The simulated arm, where there is one, for faults.
@@ -323,6 +336,7 @@ impl Rig {
             start,
             joints,
             stereo,
+            left_from_world: world_from_left_camera.inverse(),
         })?;
         let period = devices.arm.description().period;
         let limiter = Limiter::new(&kept(&chain), 0.0, period * 3)?;
@@ -339,6 +353,7 @@ impl Rig {
                 cameras: images.then_some(calibrated),
             },
             marker: devices.marker,
+            tracker: devices.tracker,
             world: devices.world,
             simulated_arm: devices.simulated_arm,
             emulator: devices.emulator,

@@ -44,6 +44,14 @@ pub fn assumed_speeds(config: &Config) -> Option<String> {
     })
 }
 
+/// The arm's description, URDF; nothing where its file cannot be read as text.
+pub fn description(config: &Config) -> Option<String> {
+    if config.arm.urdf.is_empty() {
+        return Some(arms::VIPER_S650.to_owned());
+    }
+    std::fs::read_to_string(&config.arm.urdf).ok()
+}
+
 /// The chain with the limits of its file.
 fn as_in_file(config: &Config) -> Result<Chain, RigBuildError> {
     let arm = &config.arm;

@@ -26,6 +26,8 @@ const AHEAD: f64 = 0.1;
 const HOMING: f64 = 0.1;
 /// Longest wait for an arm that is to withdraw: who asked waits for an answer.
 const ANSWER: Duration = Duration::from_millis(700);
+/// Time between two showings of a simulated truth.
+const SHOWN_EVERY: Duration = Duration::from_millis(50);
 /// Places at which the way home is looked at.
 const LOOKS: u32 = 100;
 
@@ -64,7 +66,6 @@ pub fn wait(
     session: &mut Session,
     controls: &Controls,
 ) -> Result<Leave, RunError> {
-    show(config, rig, session)?;
     idle(config, rig, session, controls, Stage::Before)
 }
 
@@ -92,6 +93,7 @@ fn idle(
     let period = rig.arm.description().period;
     let to_rates = to_rates(&rig.bearings, RateSettings::default());
     let mut by_hand = false;
+    let mut shown = rig.clock.now();
     loop {
         if controls.is_interrupted() {
             stop(rig, by_hand);
@@ -130,6 +132,11 @@ fn idle(
             }
             None => {}
         }
+        // A program that plays tracker in a simulated world measures before the start, too.
+        if rig.tracker.is_some() && stage.is_before() && now.since(shown) >= SHOWN_EVERY {
+            shown = now;
+            session.show_truth(rig.world.as_ref().map(|world| world.newest()));
+        }
         rig.clock.wait_until(now + period);
         if config.ros.clock == RosClock::Simulated {
             pause(period);
@@ -144,12 +151,17 @@ fn pause(period: Duration) {
 }
 
 /// Shows the needle as it would start from here, if the arm says where it is.
-fn show(config: &Config, rig: &mut Rig, session: &mut Session) -> Result<(), RunError> {
+///
+/// # Errors
+/// The configuration makes no controller.
+pub fn show(config: &Config, rig: &mut Rig, session: &mut Session) -> Result<(), RunError> {
     let Ok(state) = rig.arm.state() else {
         return Ok(());
     };
-    let cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
-    session.show(cycle.telemetry());
+    let mut cycle = Cycle::new(config, rig.bearings.clone(), &state)?;
+    let telemetry = cycle.telemetry_mut();
+    telemetry.truth = rig.world.as_ref().map(|world| world.newest());
+    session.show(telemetry);
     Ok(())
 }
 
@@ -201,7 +213,7 @@ fn obey(
             }
         }
         Command::Start => request.refuse(
-            "the insertion has ended and is not resumed: ~retract withdraws the needle; \
+            "the insertion has ended and is not resumed: retract withdraws the needle; \
              launch another",
         ),
         Command::Retract => match stage {

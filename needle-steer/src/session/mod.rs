@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use hal::frame::LeftCamera;
 use hal::request::{Command, Request};
-use hal::telemetry::{Phase, Telemetry, Tracking};
+use hal::telemetry::{Phase, Telemetry, Tracking, TruthReport};
 use hal::{ArmState, Overlay, Position, StereoFrame};
 use nalgebra::Point3;
 use rosbridge::NodeError;
@@ -27,7 +27,7 @@ use crate::ros::{Door, Link};
 use crate::run::{Insertion, Observer, RunError, check_target};
 use crate::withdrawal::Verdict;
 
-pub use idle::{Leave, wait};
+pub use idle::{Leave, show, wait};
 
 /// Pieces of a curve that is drawn.
 const CURVE_POINTS: u32 = 40;
@@ -96,7 +96,8 @@ impl Session {
         }
         let mut served = None;
         if config.igtl.serve {
-            let server = igtl::Server::open(&config.igtl, bearings, controls)?;
+            let (tracker, now) = (rig.tracker.as_ref(), rig.clock.now());
+            let server = igtl::Server::open(&config.igtl, bearings, controls, tracker, now)?;
             served = Some((server.address(), server.counters()));
             // Nothing can be done about a closed stderr.
             let _ = writeln!(std::io::stderr(), "OpenIGTLink: {}", server.address());
@@ -134,7 +135,7 @@ impl Session {
         match check_target(config, rig, self.target) {
             Err(refused @ RunError::Target(_)) if config.stays() && !config.run.dry_run => {
                 self.warn(&format!(
-                    "{refused}; the insertion waits for another one (topic target), then for ~start"
+                    "{refused}; the insertion waits for another one, then for a start"
                 ));
                 true
             }
@@ -177,6 +178,15 @@ impl Session {
             interface.show(&telemetry);
         }
         self.shown = Some(telemetry);
+    }
+
+    /// Shows the last snapshot with a newer truth.
+    fn show_truth(&mut self, truth: Option<TruthReport>) {
+        if let (Some(last), Some(_)) = (&self.shown, &truth) {
+            let mut telemetry = (**last).clone();
+            telemetry.truth = truth;
+            self.show(&telemetry);
+        }
     }
 
     /// Shows the arm.
@@ -250,7 +260,7 @@ impl Session {
         }
         match request.command {
             Command::Start if self.controls.wish() == Wish::Retract => {
-                request.refuse("the needle is being withdrawn; ~retract goes on with that");
+                request.refuse("the needle is being withdrawn; retract goes on with that");
             }
             Command::Start => {
                 self.controls.ask(Wish::Proceed);
@@ -258,7 +268,7 @@ impl Session {
             }
             Command::Stop => {
                 self.controls.stop();
-                request.accept("stopping; what is under way ends, ~retract withdraws the needle");
+                request.accept("stopping; what is under way ends, retract withdraws the needle");
             }
             Command::Pause => {
                 self.controls.ask(Wish::Pause);
@@ -271,7 +281,7 @@ impl Session {
             Command::Enable(allowed) => {
                 self.allowed = allowed;
                 if allowed {
-                    request.accept("enabled; ~start goes on, or ~retract with a withdrawal");
+                    request.accept("enabled; start goes on, or retract with a withdrawal");
                 } else {
                     self.controls.ask(Wish::Pause);
                     request.accept("holding still, not enabled");
@@ -319,7 +329,7 @@ fn live(
     rig: &Rig,
     controls: &Arc<Controls>,
 ) -> Result<Box<dyn Interface>, SessionError> {
-    let server = crate::remote::live::Server::open(&config.live, &rig.bearings, controls)?;
+    let server = crate::remote::live::Server::open(config, &rig.bearings, controls)?;
     // Nothing can be done about a closed stderr.
     let _ = writeln!(std::io::stderr(), "live view: ws://{}", server.address());
     Ok(Box::new(server))

@@ -5,7 +5,7 @@ use hal::{Arm, Position};
 
 use crate::aim::{Aimed, TargetRefused};
 use crate::config::{Config, TargetKind};
-use crate::rig::{Rig, RigBuildError};
+use crate::rig::Rig;
 use crate::run::{RunError, check_target};
 
 /// Makes the arm ready for an insertion to `given`, or to the configuration's target where none is
@@ -21,8 +21,8 @@ pub(super) fn prepare(
         return Ok(());
     }
     rig.check_start(&state).map_err(|away| away.to_string())?;
-    if let Some(problem) = rig.eyes.hindrance() {
-        return Err(RigBuildError::NoImages { problem }.to_string());
+    if let Some(blind) = rig.blind() {
+        return Err(blind.to_string());
     }
     rig.enable().map_err(|error| words(&error))
 }

@@ -8,10 +8,11 @@ use hal::telemetry::Telemetry;
 use hal::{ArmState, RateCommand, SensedShape, Stamp};
 
 use super::verdict::Summary;
+use crate::clock::began;
 use crate::config::Config;
-use crate::cycle::Bearings;
 use crate::journal::Journal;
 use crate::observer::Observer;
+use crate::rig::Rig;
 use crate::series::{Row, Series, write_csv};
 
 /// Keeps what a withdrawal does.
@@ -33,19 +34,15 @@ impl Record {
 
     /// Writes into `folder`, which is made. Where that fails, it says so and keeps nothing.
     /// `insertion` is the log of the insertion.
-    pub fn create(
-        folder: PathBuf,
-        config: &Config,
-        bearings: &Bearings,
-        insertion: Option<&Path>,
-    ) -> Self {
+    pub fn create(folder: PathBuf, config: &Config, rig: &Rig, insertion: Option<&Path>) -> Self {
         // A log is read from other folders too.
         let absolute = insertion.and_then(|log| std::path::absolute(log).ok());
         let before = absolute.as_deref();
         let made = std::fs::create_dir_all(&folder)
             .map_err(Into::into)
             .and_then(|()| {
-                Journal::of_withdrawal(&folder.join("run.mcap"), config, bearings, before)
+                let (place, began) = (folder.join("run.mcap"), began(rig.clock.now()));
+                Journal::of_withdrawal(&place, config, &rig.bearings, before, began)
             });
         let mut record = Self {
             insertion: insertion.map(Path::to_owned),
@@ -65,15 +62,10 @@ impl Record {
     }
 
     /// Writes into the next free `withdrawal-N` in the folder of the insertion's results.
-    pub fn beside(
-        results: &Path,
-        config: &Config,
-        bearings: &Bearings,
-        insertion: Option<&Path>,
-    ) -> Self {
+    pub fn beside(results: &Path, config: &Config, rig: &Rig, insertion: Option<&Path>) -> Self {
         let free = (1_u32..).map(|n| results.join(format!("withdrawal-{n}")));
         match free.into_iter().find(|folder| !folder.exists()) {
-            Some(folder) => Self::create(folder, config, bearings, insertion),
+            Some(folder) => Self::create(folder, config, rig, insertion),
             None => Self::none(),
         }
     }

@@ -20,7 +20,7 @@ socket = stack.enter_context(
         compression=None,
     )
 )
-channels, services, newest, count, answers = {}, {}, {}, {}, {}
+channels, services, newest, count, answers, assets = {}, {}, {}, {}, {}, {}
 
 
 def take(message):
@@ -36,6 +36,9 @@ def take(message):
         subscription, stamp = struct.unpack_from("<IQ", message, 1)
         newest[subscription] = (stamp, message[13:])
         count[subscription] = count.get(subscription, 0) + 1
+    elif message[0] == 4:
+        request, status, length = struct.unpack_from("<IBI", message, 1)
+        assets[request] = (status, message[10 + length :] if status == 0 else message[10 : 10 + length])
     elif message[0] == 3:
         _, call, length = struct.unpack_from("<III", message, 1)
         assert message[13 : 13 + length] == b"json"
@@ -82,7 +85,7 @@ def body(data):
     return text(data, 12)[1]
 
 
-wait("channels", lambda: len(channels) == 12 and len(services) == 10)
+wait("channels", lambda: len(channels) == 13 and len(services) == 10)
 types = {
     "/joint_states": "sensor_msgs/JointState",
     "/needle/tip": "geometry_msgs/PoseStamped",
@@ -96,6 +99,7 @@ types = {
     "/right/camera_info": "sensor_msgs/CameraInfo",
     "/overlay": "sensor_msgs/Image",
     "/rosout": "rosgraph_msgs/Log",
+    "/robot_description": "std_msgs/String",
 }
 for topic, kind in types.items():
     channel = channels[topic]
@@ -121,6 +125,19 @@ data = newest[numbers["/needle/tip"]][1]
 x, y, z = struct.unpack_from("<3d", data, body(data))
 assert abs(x - 0.4) < 1e-3 and abs(y) < 1e-3 and abs(z - 0.25) < 1e-3, (x, y, z)
 wait("state", phase_is("Idle"))
+wait("description", lambda: numbers["/robot_description"] in newest)
+assert "<robot" in text(newest[numbers["/robot_description"]][1], 0)[0]
+
+# Meshes that the description names are fetched, and nothing else.
+for uri in ["package://pytest/meshes/none.stl", "file:///etc/passwd", "../../../etc/passwd"]:
+    socket.send(json.dumps({"op": "fetchAsset", "uri": uri, "requestId": 7}))
+    assets.clear()
+    wait("asset", lambda: 7 in assets)
+    assert assets[7][0] == 1 and b"not named" in assets[7][1], assets
+for name in [a.removeprefix("mesh=") for a in sys.argv if a.startswith("mesh=")]:
+    socket.send(json.dumps({"op": "fetchAsset", "uri": name, "requestId": 8}))
+    wait("mesh", lambda: 8 in assets)
+    assert assets[8] == (0, b"solid of a test"), assets
 
 for name, arguments, told in [
     ("target", {"x": 0.4, "y": 0, "z": 0.3}, "behind"),

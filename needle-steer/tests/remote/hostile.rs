@@ -194,7 +194,7 @@ fn an_insertion_among_hostile_clients_is_the_same_bit_by_bit() {
 }
 
 /// Fifty of them for a minute of wall-clock time: times of steps, and memory. A measurement, run by
-/// hand: `cargo test --release -p needle-steer --test igtl -- --ignored --nocapture fifty`.
+/// hand: `cargo test --release -p needle-steer --test remote -- --ignored --nocapture fifty`.
 #[test]
 #[ignore = "measures for two minutes"]
 fn fifty_hostile_clients_for_a_minute() {

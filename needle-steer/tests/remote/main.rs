@@ -1,5 +1,5 @@
 //! Runs that are served to other programs: to pyigtl over OpenIGTLink, to a WebSocket client as a live
-//! view, and to clients that mean no good.
+//! view, to a tracker, and to clients that mean no good.
 #![expect(
     clippy::panic,
     clippy::unwrap_used,
@@ -11,3 +11,4 @@
 
 mod hostile;
 mod peers;
+mod tracker;

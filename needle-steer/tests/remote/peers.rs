@@ -5,15 +5,15 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 /// A run that is served at a free port, and the port.
-struct Served {
+pub(crate) struct Served {
     child: Child,
-    port: String,
+    pub(crate) port: String,
     rest: std::thread::JoinHandle<String>,
 }
 
 impl Served {
     /// A run that says where it is served after `said`.
-    fn start(name: &str, said: &str, arguments: &[&str]) -> Self {
+    pub(crate) fn start(name: &str, said: &str, arguments: &[&str]) -> Self {
         let place = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("remote-{name}"));
         if place.exists() {
             std::fs::remove_dir_all(&place).unwrap();
@@ -46,7 +46,7 @@ impl Served {
     }
 
     /// What the run printed, when it has ended by itself.
-    fn end(mut self) -> serde_json::Value {
+    pub(crate) fn end(mut self) -> serde_json::Value {
         let mut out = String::new();
         let mut stdout = self.child.stdout.take().unwrap();
         stdout.read_to_string(&mut out).unwrap();
@@ -93,7 +93,7 @@ fn reference() -> Option<Command> {
 }
 
 /// A peer's program that is a script of Python.
-fn script(name: &str) -> Option<Command> {
+pub(crate) fn script(name: &str) -> Option<Command> {
     let mut command = Command::new(python()?);
     command.arg(format!("{}/tests/peers/{name}", env!("CARGO_MANIFEST_DIR")));
     Some(command)
@@ -165,6 +165,19 @@ fn the_reference_library_watches_a_run_and_commands_it() {
 
 #[test]
 #[cfg(feature = "live")]
-fn a_websocket_client_subscribes_and_calls_every_service() {
-    conversation("live-images", script("foxglove.py"), LIVE, &[], &["images"]);
+fn a_websocket_client_subscribes_calls_every_service_and_fetches_meshes() {
+    // An arm whose description names a mesh.
+    let package = Path::new(env!("CARGO_TARGET_TMPDIR")).join("drawn_arm");
+    std::fs::create_dir_all(package.join("meshes")).unwrap();
+    let urdf = package.join("arm.urdf");
+    let plain = include_str!("../../../robots/urdf/viper_s650.urdf");
+    let link = "<link name=\"drawn\"><visual><geometry><mesh filename=\"package://drawn_arm/meshes/a.stl\"/>\
+                </geometry></visual></link><joint name=\"drawn\" type=\"fixed\"><parent link=\"tool0\"/>\
+                <child link=\"drawn\"/></joint></robot>";
+    std::fs::write(&urdf, plain.replace("</robot>", link)).unwrap();
+    std::fs::write(package.join("meshes/a.stl"), "solid of a test").unwrap();
+    let set = format!("arm.urdf={:?}", urdf.to_str().unwrap());
+    let mesh = ["images", "mesh=package://drawn_arm/meshes/a.stl"];
+    let peer = script("foxglove.py");
+    conversation("live-images", peer, LIVE, &["--set", &set], &mesh);
 }

@@ -27,14 +27,13 @@ mod publish;
 mod requests;
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::thread::JoinHandle;
+use std::sync::mpsc::Receiver;
 
 use hal::frame::{ArmBase, Flange, LeftCamera, NeedleBase, RightCamera, World};
 use hal::request::Request;
 use hal::{ArmState, Overlay, StereoFrame, Telemetry, Transform};
 
+use crate::aside::Aside;
 use crate::{Node, NodeError};
 
 pub use cameras::CameraModel;
@@ -106,10 +105,8 @@ enum Item {
 /// The run's side of the bridge. Dropping it ends its thread; topics stay until the node ends.
 #[derive(Debug)]
 pub struct Bridge {
-    items: Option<SyncSender<Item>>,
-    dropped: Arc<AtomicU64>,
+    items: Aside<Item>,
     requests: Receiver<Received>,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl Bridge {
@@ -119,42 +116,35 @@ impl Bridge {
     /// The master does not register them.
     pub fn new(node: &Node, options: BridgeOptions) -> Result<Self, NodeError> {
         let requests = requests::open(node, options.frames.world_from_left_camera)?;
-        let dropped = Arc::new(AtomicU64::new(0));
-        let publisher = Publisher::new(node, options, Arc::clone(&dropped))?;
-        let (items, queue) = sync_channel(QUEUE);
-        let thread = std::thread::Builder::new()
-            .name("ros-bridge".to_owned())
-            .spawn(move || publisher.run(&queue))
-            .map_err(|error| NodeError::Register {
-                name: "bridge".to_owned(),
-                reason: error.to_string(),
-            })?;
-        Ok(Self {
-            items: Some(items),
-            dropped,
-            requests,
-            thread: Some(thread),
+        let publisher = Publisher::new(node, options)?;
+        let items = Aside::start("ros-bridge", QUEUE, |items, dropped| {
+            publisher.run(items, dropped);
         })
+        .map_err(|error| NodeError::Register {
+            name: "bridge".to_owned(),
+            reason: error.to_string(),
+        })?;
+        Ok(Self { items, requests })
     }
 
     /// Shows a snapshot from now on.
     pub fn show(&self, telemetry: Arc<Telemetry>) {
-        self.put(Item::Step(telemetry));
+        self.items.put(Item::Step(telemetry));
     }
 
     /// Shows newer feedback of the arm than the last snapshot had.
     pub fn show_arm(&self, state: ArmState) {
-        self.put(Item::Arm(state));
+        self.items.put(Item::Arm(state));
     }
 
     /// Publishes a pair of images.
     pub fn show_images(&self, frame: StereoFrame) {
-        self.put(Item::Stereo(frame));
+        self.items.put(Item::Stereo(frame));
     }
 
     /// Publishes the left image with the tracked curve drawn in.
     pub fn show_overlay(&self, overlay: impl Into<Arc<Overlay>>) {
-        self.put(Item::Overlay(overlay.into()));
+        self.items.put(Item::Overlay(overlay.into()));
     }
 
     /// The next request that is not older than 100 ms; older ones are refused and skipped.
@@ -164,26 +154,6 @@ impl Bridge {
 
     /// Items not shown because the bridge was busy.
     pub fn dropped(&self) -> u64 {
-        self.dropped.load(Ordering::Relaxed)
-    }
-
-    fn put(&self, item: Item) {
-        let sent = self
-            .items
-            .as_ref()
-            .is_some_and(|items| items.try_send(item).is_ok());
-        if !sent {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-}
-
-impl Drop for Bridge {
-    fn drop(&mut self) {
-        self.items = None;
-        if let Some(thread) = self.thread.take() {
-            // A panic has been reported where it happened.
-            let _ = thread.join();
-        }
+        self.items.dropped()
     }
 }

@@ -38,7 +38,6 @@ pub(super) struct Publisher {
     cameras: [CameraOutlet; 2],
     overlay: Outlet<sensor_msgs::Image>,
     diagnostics: Outlet<diagnostic_msgs::DiagnosticArray>,
-    dropped: Arc<AtomicU64>,
     latest: Option<Arc<Telemetry>>,
     joints: Option<Sample>,
     /// Whether the arm's own readings come; until then those of the snapshots count.
@@ -92,11 +91,7 @@ impl Sample {
 }
 
 impl Publisher {
-    pub(super) fn new(
-        node: &Node,
-        options: BridgeOptions,
-        dropped: Arc<AtomicU64>,
-    ) -> Result<Self, NodeError> {
+    pub(super) fn new(node: &Node, options: BridgeOptions) -> Result<Self, NodeError> {
         let time = node.time_base();
         let tick = (1.0 / options.rates.joint_states_hz).max(SHORTEST);
         let [left, right] = match options.cameras {
@@ -132,7 +127,6 @@ impl Publisher {
             ],
             overlay: Outlet::new(node, "overlay", 2, false)?,
             diagnostics: Outlet::new(node, "/diagnostics", 2, false)?,
-            dropped,
             latest: None,
             joints: None,
             reports: false,
@@ -146,7 +140,7 @@ impl Publisher {
 
     /// Publishes until the run's side is dropped.
     #[expect(clippy::disallowed_methods, reason = "the rates are wall-clock rates")]
-    pub(super) fn run(mut self, items: &Receiver<Item>) {
+    pub(super) fn run(mut self, items: &Receiver<Item>, dropped: &AtomicU64) {
         let period = self.tick;
         let mut next = Instant::now() + period;
         loop {
@@ -157,7 +151,7 @@ impl Publisher {
             }
             let now = Instant::now();
             if now >= next {
-                self.tick();
+                self.tick(dropped.load(Ordering::Relaxed));
                 next += period;
                 if now > next + 10 * period {
                     // The machine slept: go on from here instead of catching up.
@@ -247,12 +241,11 @@ impl Publisher {
 
     /// Publishes what is due, as long as the arm reports: the newest reading with its own stamp,
     /// what follows from it with the present one.
-    fn tick(&mut self) {
+    fn tick(&mut self, dropped: u64) {
         self.ticks += 1;
         let due = |every: u64| self.ticks.is_multiple_of(every);
         let stamp = self.node.clock().ros_stamp(self.node.clock().now());
         if due(self.every.diagnostics) {
-            let dropped = self.dropped.load(Ordering::Relaxed);
             let arm = self.joints.map(|joints| diagnostics::Reading {
                 mode: joints.mode,
                 age: joints.arrived.elapsed(),

@@ -12,24 +12,30 @@
 mod chunk;
 mod error;
 mod kind;
+mod messages;
 mod read;
 mod recorder;
+mod records;
 mod topic;
 mod write;
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use hal::frame::{LeftCamera, World};
 use hal::{ArmState, RateCommand, SensedShape, Stamp, StereoFrame, Telemetry, Transform};
 
+use crate::bridge::{CameraModel, Frames};
 use crate::seam::RosMsg;
 
 use crate::msg::needle_steer_msgs;
 
 pub use error::{Damage, ReadError};
 pub use kind::FileKind;
+pub use messages::{Messages, RawChannel, RawMessage};
 pub use read::LogReader;
 pub use recorder::{Log, Overflow, Written};
+pub(crate) use topic::log_sum;
 pub(crate) use write::level_code;
 pub use write::{LogWriter, WriteError};
 
@@ -44,10 +50,23 @@ pub struct RunInfo {
     pub versions: BTreeMap<String, String>,
     /// Names of back end, law, phantom and the like; by name.
     pub labels: BTreeMap<String, String>,
+    /// Wall-clock time since the epoch when the run's time was zero; nothing where it is unknown.
+    pub began: Option<Duration>,
     /// Names of the arm's joints, base to flange.
     pub joint_names: Vec<String>,
     /// The registered pose of the left camera: where targets and measurements are drawn.
     pub world_from_left_camera: Transform<World, LeftCamera>,
+}
+
+/// What a viewer needs besides a run's records; written, and not read back.
+#[derive(Clone, Debug, Default)]
+pub struct Scenery {
+    /// The arm's description, URDF.
+    pub robot: Option<String>,
+    /// What stands still.
+    pub frames: Option<Frames>,
+    /// Left and right camera, where known.
+    pub cameras: Option<[CameraModel; 2]>,
 }
 
 impl Default for RunInfo {
@@ -57,6 +76,7 @@ impl Default for RunInfo {
             seed: 0,
             versions: BTreeMap::new(),
             labels: BTreeMap::new(),
+            began: None,
             joint_names: Vec::new(),
             world_from_left_camera: Transform::identity(),
         }

@@ -4,17 +4,16 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
+use std::time::Duration;
 
 use crate::seam::RosMsg;
 use hal::{CameraFrame, StereoFrame, Telemetry};
-use mcap::McapError;
 use mcap::records::{Record as Raw, op};
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
-use super::chunk::{self, Chunk};
 use super::error::{Damage, ReadError};
-use super::kind::{self, FileKind};
+use super::kind::FileKind;
+use super::records::Records;
 use super::topic::{
     MESSAGE_ENCODING, META_DOCUMENT, META_LABELS, META_RUN, META_VERSIONS, TOPICS, Topic,
 };
@@ -23,30 +22,17 @@ use crate::convert::{self, ConvertError};
 use crate::image::{self, Depth};
 use crate::msg::{needle_steer_msgs, rosgraph_msgs, sensor_msgs};
 
-/// Most that is read at once \[bytes\]: a damaged length asks for all memory.
-const READ: usize = 1 << 20;
-/// The magic bytes before the first record, opcode and length before each \[bytes\].
-const MAGIC: u64 = 8;
-const PREFIX: u64 = 9;
-
 /// Reads a log record by record, also one whose chunks are compressed with zstd or lz4. A log
 /// that breaks off ends there; see [`is_complete`](Self::is_complete). After an error nothing more
 /// is read.
 pub struct LogReader<R: Read> {
-    source: R,
-    mcap: LinearReader,
-    /// Offset of the next record of the file, and of the one being read.
-    next: u64,
-    at: u64,
-    chunk: Chunk,
+    records: Records<R>,
     /// Records that stood before the run's description: tools that rewrite a log may move it.
     early: VecDeque<Record>,
     run: RunInfo,
     schemas: HashMap<u16, Vec<u8>>,
     channels: HashMap<u16, Topic>,
     left: Option<CameraFrame>,
-    complete: bool,
-    ended: bool,
 }
 
 impl LogReader<BufReader<File>> {
@@ -71,37 +57,14 @@ impl<R: Read> LogReader<R> {
     ///
     /// # Errors
     /// The source cannot be read or is not the log of a run.
-    pub fn new(mut source: R) -> Result<Self, ReadError> {
-        let mut head = Vec::new();
-        source
-            .by_ref()
-            .take(kind::HEAD as u64)
-            .read_to_end(&mut head)
-            .map_err(|source| ReadError::Source { at: 0, source })?;
-        match FileKind::of(&head) {
-            FileKind::Mcap => {}
-            other => return Err(ReadError::Foreign(other)),
-        }
-        let options = LinearReaderOptions::default()
-            .with_skip_end_magic(true)
-            .with_emit_chunks(true)
-            .with_record_length_limit(usize::try_from(chunk::LIMIT).unwrap_or(usize::MAX));
-        let mut mcap = LinearReader::new_with_options(options);
-        mcap.insert(head.len()).copy_from_slice(&head);
-        mcap.notify_read(head.len());
+    pub fn new(source: R) -> Result<Self, ReadError> {
         let mut reader = Self {
-            source,
-            mcap,
-            next: MAGIC,
-            at: 0,
-            chunk: Chunk::default(),
+            records: Records::new(source)?,
             early: VecDeque::new(),
             run: RunInfo::default(),
             schemas: HashMap::new(),
             channels: HashMap::new(),
             left: None,
-            complete: false,
-            ended: false,
         };
         loop {
             match reader.event()? {
@@ -121,75 +84,23 @@ impl<R: Read> LogReader<R> {
     /// Whether the end of the log was reached and the log was completed there; false for the
     /// log of a killed process.
     pub const fn is_complete(&self) -> bool {
-        self.complete
+        self.records.is_complete()
     }
 
     /// Takes in one MCAP record; nothing at the end.
     fn event(&mut self) -> Result<Option<Event>, ReadError> {
-        while !self.ended {
-            let at = self.at;
-            let damaged = move |damage| match damage {
-                Damage::Compression(name) => ReadError::Compression { at, name },
-                damage => ReadError::Damaged { at, damage },
+        let (run, schemas) = (&mut self.run, &mut self.schemas);
+        let (channels, left) = (&mut self.channels, &mut self.left);
+        self.records.next(|at, opcode, data| {
+            let state = State {
+                at,
+                run,
+                schemas,
+                channels,
+                left,
             };
-            if let Some((opcode, data)) = self.chunk.next().map_err(damaged)? {
-                let state = State {
-                    at,
-                    run: &mut self.run,
-                    schemas: &mut self.schemas,
-                    channels: &mut self.channels,
-                    left: &mut self.left,
-                };
-                return state.parse(opcode, data).map(Some);
-            }
-            let at = self.next;
-            let damaged = move |damage| match damage {
-                Damage::Compression(name) => ReadError::Compression { at, name },
-                damage => ReadError::Damaged { at, damage },
-            };
-            let need = match self.mcap.next_event() {
-                None | Some(Err(McapError::UnexpectedEof)) => break,
-                Some(Err(error)) => return Err(damaged(Damage::Record(error))),
-                Some(Ok(LinearReadEvent::ReadRequest(need))) => need,
-                Some(Ok(LinearReadEvent::Record { data, opcode })) => {
-                    self.at = self.next;
-                    self.next += PREFIX + data.len() as u64;
-                    match opcode {
-                        op::FOOTER => {
-                            self.complete = true;
-                            break;
-                        }
-                        op::CHUNK => {
-                            let parsed = mcap::parse_record(opcode, data)
-                                .map_err(|e| damaged(Damage::Record(e)))?;
-                            if let Raw::Chunk { header, data } = parsed {
-                                self.chunk.read(&header, &data).map_err(damaged)?;
-                            }
-                            continue;
-                        }
-                        _ => {
-                            let state = State {
-                                at,
-                                run: &mut self.run,
-                                schemas: &mut self.schemas,
-                                channels: &mut self.channels,
-                                left: &mut self.left,
-                            };
-                            return state.parse(opcode, data).map(Some);
-                        }
-                    }
-                }
-            };
-            let read = loop {
-                match self.source.read(self.mcap.insert(need.min(READ))) {
-                    Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                    read => break read.map_err(|source| ReadError::Source { at, source })?,
-                }
-            };
-            self.mcap.notify_read(read);
-        }
-        self.ended = true;
-        Ok(None)
+            state.parse(opcode, data)
+        })
     }
 }
 
@@ -206,7 +117,7 @@ impl<R: Read> Iterator for LogReader<R> {
                 Ok(Some(Event::Nothing | Event::RunComplete)) => {}
                 Ok(None) => return None,
                 Err(error) => {
-                    self.ended = true;
+                    self.records.end();
                     return Some(Err(error));
                 }
             }
@@ -218,7 +129,7 @@ impl<R: Read> std::fmt::Debug for LogReader<R> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("LogReader")
             .field("run", &self.run)
-            .field("complete", &self.complete)
+            .field("complete", &self.is_complete())
             .finish_non_exhaustive()
     }
 }
@@ -307,6 +218,10 @@ impl State<'_> {
                         missing: "world_from_left_camera",
                     })?,
                 );
+                self.run.began = entries
+                    .remove("began_unix_ns")
+                    .and_then(|text| text.parse().ok())
+                    .map(Duration::from_nanos);
                 return Ok(Event::RunComplete);
             }
             _ => {
@@ -363,7 +278,14 @@ impl State<'_> {
                     text: message.msg,
                 }
             }
-            Topic::JointStates | Topic::Tip | Topic::Markers | Topic::Tf | Topic::TfStatic => {
+            Topic::JointStates
+            | Topic::Tip
+            | Topic::Markers
+            | Topic::Tf
+            | Topic::TfStatic
+            | Topic::LeftInfo
+            | Topic::RightInfo
+            | Topic::Robot => {
                 return Ok(Event::Nothing);
             }
         };

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::{LogWriter, Record, RunInfo, WriteError};
+use super::{LogWriter, Record, RunInfo, Scenery, WriteError};
 
 /// Longest time that a record stays in memory.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
@@ -51,7 +51,7 @@ impl Log {
             path: path.display().to_string(),
             source,
         })?;
-        Self::new(file, path, run, overflow)
+        Self::new(file, path, run, Scenery::default(), overflow)
     }
 
     /// Writes what is known of the run to an empty `file`, which errors call `path`.
@@ -62,6 +62,7 @@ impl Log {
         file: File,
         path: &Path,
         run: &RunInfo,
+        scenery: Scenery,
         overflow: Overflow,
     ) -> Result<Self, WriteError> {
         let io = |source| WriteError::Io {
@@ -72,7 +73,7 @@ impl Log {
             Overflow::Wait => None,
             Overflow::Drop => Some(file.try_clone().map_err(io)?),
         };
-        let writer = LogWriter::new(file, run)?;
+        let writer = LogWriter::new(file, run, scenery)?;
         let (sender, receiver) = sync_channel(QUEUE);
         let thread = std::thread::Builder::new()
             .name("log".to_owned())

@@ -1,3 +1,5 @@
+use std::time::Duration;
+
 use hal::frame::{LeftCamera, World};
 use hal::telemetry::{
     LawReport, Limit, ModelReport, Phase, SteeringMode, Telemetry, Tracking, TruthReport,
@@ -140,6 +142,7 @@ fn run_info() -> RunInfo {
         seed: u64::MAX,
         versions: [("needle-steer".to_owned(), "0.1.0".to_owned())].into(),
         labels: [("law".to_owned(), "hybrid".to_owned())].into(),
+        began: Some(Duration::from_nanos(1_700_000_000_123_456_789)),
         joint_names: vec!["joint_1".to_owned(), "joint_2".to_owned()],
         world_from_left_camera: Transform::<World, LeftCamera>::assume(Isometry3::new(
             Vector3::new(0.1, -1.0 / 3.0, 1e-9),
@@ -185,7 +188,7 @@ fn same(a: &Record, b: &Record) -> bool {
 /// A log with a flush after every `per_chunk` records.
 fn written(records: &[Record], per_chunk: usize, finish: bool) -> Vec<u8> {
     let mut bytes = Vec::new();
-    let mut writer = LogWriter::new(&mut bytes, &run_info()).unwrap();
+    let mut writer = LogWriter::new(&mut bytes, &run_info(), Scenery::default()).unwrap();
     for chunk in records.chunks(per_chunk) {
         for record in chunk {
             writer.write(record).unwrap();

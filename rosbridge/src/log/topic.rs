@@ -3,7 +3,8 @@
 use crate::seam::Message;
 
 use crate::msg::{
-    geometry_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs, tf2_msgs, visualization_msgs,
+    geometry_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs,
+    visualization_msgs,
 };
 
 /// A channel: its place in [`TOPICS`].
@@ -21,6 +22,9 @@ pub(super) enum Topic {
     Markers,
     Tf,
     TfStatic,
+    LeftInfo,
+    RightInfo,
+    Robot,
 }
 
 /// Name, message type and definition of a channel.
@@ -29,6 +33,7 @@ pub(super) struct Channel {
     pub(super) name: &'static str,
     pub(super) message_type: fn() -> String,
     pub(super) definition: fn() -> String,
+    md5sum: fn() -> String,
 }
 
 const fn channel<M: Message>(topic: Topic, name: &'static str) -> Channel {
@@ -37,11 +42,12 @@ const fn channel<M: Message>(topic: Topic, name: &'static str) -> Channel {
         name,
         message_type: M::msg_type,
         definition: M::msg_definition,
+        md5sum: M::md5sum,
     }
 }
 
 /// All channels, in the order of [`Topic`].
-pub(super) const TOPICS: [Channel; 12] = [
+pub(super) const TOPICS: [Channel; 15] = [
     channel::<needle_steer_msgs::ArmState>(Topic::Arm, "/arm/state"),
     channel::<needle_steer_msgs::Shape>(Topic::Shape, "/needle/sensed"),
     channel::<sensor_msgs::Image>(Topic::Left, "/left/image_raw"),
@@ -54,7 +60,17 @@ pub(super) const TOPICS: [Channel; 12] = [
     channel::<visualization_msgs::MarkerArray>(Topic::Markers, "/needle/markers"),
     channel::<tf2_msgs::TFMessage>(Topic::Tf, "/tf"),
     channel::<tf2_msgs::TFMessage>(Topic::TfStatic, "/tf_static"),
+    channel::<sensor_msgs::CameraInfo>(Topic::LeftInfo, "/left/camera_info"),
+    channel::<sensor_msgs::CameraInfo>(Topic::RightInfo, "/right/camera_info"),
+    channel::<std_msgs::String>(Topic::Robot, "/robot_description"),
 ];
+
+/// The sum of the definition of a log's topic by which ROS 1 knows a type; nothing where logs have no
+/// such topic.
+pub(crate) fn log_sum(topic: &str) -> Option<String> {
+    let channel = TOPICS.iter().find(|channel| channel.name == topic)?;
+    Some((channel.md5sum)())
+}
 
 /// Encoding of definitions and of messages, as the MCAP registry names them.
 pub(super) const SCHEMA_ENCODING: &str = "ros1msg";

@@ -14,8 +14,9 @@ use super::topic::{
     MESSAGE_ENCODING, META_DOCUMENT, META_LABELS, META_RUN, META_VERSIONS, PROFILE,
     SCHEMA_ENCODING, TOPICS, Topic,
 };
-use super::{Level, Record, RunInfo};
-use crate::msg::{needle_steer_msgs, rosgraph_msgs};
+use super::{Level, Record, RunInfo, Scenery};
+use crate::bridge::{CameraModel, still};
+use crate::msg::{needle_steer_msgs, rosgraph_msgs, std_msgs};
 use crate::{convert, display};
 
 /// A log that cannot be written.
@@ -59,6 +60,7 @@ pub struct LogWriter<W: Write> {
     channels: [(u16, u32); TOPICS.len()],
     joint_names: Vec<String>,
     next_markers: Stamp,
+    cameras: Option<[CameraModel; 2]>,
     buffer: Vec<u8>,
 }
 
@@ -67,7 +69,7 @@ impl<W: Write> LogWriter<W> {
     ///
     /// # Errors
     /// The sink failed.
-    pub fn new(sink: W, run: &RunInfo) -> Result<Self, WriteError> {
+    pub fn new(sink: W, run: &RunInfo, scenery: Scenery) -> Result<Self, WriteError> {
         let mut mcap = mcap::WriteOptions::new()
             .profile(PROFILE)
             .library(concat!("needle-steer ", env!("CARGO_PKG_VERSION")))
@@ -95,10 +97,20 @@ impl<W: Write> LogWriter<W> {
             channels,
             joint_names: run.joint_names.clone(),
             next_markers: Stamp::ZERO,
+            cameras: scenery.cameras,
             buffer: Vec::new(),
         };
-        let camera = display::edge(&run.world_from_left_camera, Stamp::ZERO);
-        log.put(Topic::TfStatic, Stamp::ZERO, &display::tree(vec![camera]))?;
+        let tree = match &scenery.frames {
+            Some(frames) => still(frames, Stamp::ZERO),
+            None => display::tree(vec![display::edge(
+                &run.world_from_left_camera,
+                Stamp::ZERO,
+            )]),
+        };
+        log.put(Topic::TfStatic, Stamp::ZERO, &tree)?;
+        if let Some(data) = scenery.robot {
+            log.put(Topic::Robot, Stamp::ZERO, &std_msgs::String { data })?;
+        }
         log.flush()?;
         Ok(log)
     }
@@ -123,7 +135,15 @@ impl<W: Write> LogWriter<W> {
                 let left = convert::image(&frame.left, LeftCamera::NAME);
                 self.put(Topic::Left, frame.left.stamp, &left)?;
                 let right = convert::image(&frame.right, RightCamera::NAME);
-                self.put(Topic::Right, frame.right.stamp, &right)
+                self.put(Topic::Right, frame.right.stamp, &right)?;
+                let infos = self.cameras.as_ref().map(|[of_left, of_right]| {
+                    [of_left.message(left.header), of_right.message(right.header)]
+                });
+                let Some([of_left, of_right]) = infos else {
+                    return Ok(());
+                };
+                self.put(Topic::LeftInfo, frame.left.stamp, &of_left)?;
+                self.put(Topic::RightInfo, frame.right.stamp, &of_right)
             }
             Record::Step(telemetry) => self.step(telemetry),
             Record::Command(command) => {
@@ -229,7 +249,11 @@ fn metadata(run: &RunInfo) -> [(&'static str, BTreeMap<String, String>); 3] {
         ("joint_names", run.joint_names.join(" ")),
         ("world_from_left_camera", pose),
     ];
-    let entries = entries.map(|(key, value)| (key.to_owned(), value)).into();
+    let mut entries = BTreeMap::from(entries.map(|(key, value)| (key.to_owned(), value)));
+    entries.extend(run.began.map(|began| {
+        let nanos = began.as_nanos().to_string();
+        ("began_unix_ns".to_owned(), nanos)
+    }));
     [
         (META_LABELS, run.labels.clone()),
         (META_VERSIONS, run.versions.clone()),

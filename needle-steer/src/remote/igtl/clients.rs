@@ -1,36 +1,39 @@
 //! Connections: who may come, what each may send, and when one is given up.
 
-use std::io::{ErrorKind, Read, Write};
+use std::io::{ErrorKind, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use igtl::{Message, Reader};
+use igtl::Message;
 
-use super::super::{Budget, now};
+use super::super::now;
 use super::counters::Counters;
+use super::listen::{Allowance, NOTICE, is_passing, listen};
 use super::outbox::Outbox;
 
 /// Connections at a time.
 const CLIENTS: usize = 16;
 /// Time between two looks for a new connection; also bounds how fast they may come.
 const ACCEPT: Duration = Duration::from_millis(20);
-/// Largest body that is taken \[bytes\]: what is understood is small.
-const BODY: usize = 64 << 10;
-/// Bytes that a connection may send in a second.
-const BYTES_HZ: f64 = (4 << 20) as f64;
-/// Messages that a connection may send in a second: some sensors of a tracker at 250 Hz.
-const MESSAGES_HZ: f64 = 2000.0;
+/// What a connection may send: what is understood is small, and some sensors of a tracker at 250 Hz
+/// are no flood.
+const ALLOWANCE: Allowance = Allowance {
+    body: 64 << 10,
+    bytes_hz: (4 << 20) as f64,
+    messages_hz: 2000.0,
+    silence: None,
+};
 /// Longest wait for a peer to take anything, and for one piece of news to be written.
 const STUCK: Duration = Duration::from_secs(2);
-/// Longest time that a thread takes to notice that its connection was given up.
-const NOTICE: Duration = Duration::from_millis(200);
 
 /// One connection.
 #[derive(Debug)]
 pub(super) struct Client {
+    /// Its number among all that there were.
+    pub(super) number: u64,
     stream: TcpStream,
     outbox: Outbox,
     gone: AtomicBool,
@@ -72,6 +75,8 @@ struct Shared {
     list: Mutex<Vec<Arc<Client>>>,
     threads: Mutex<Vec<JoinHandle<()>>>,
     counters: Arc<Counters>,
+    /// Connections that there were.
+    count: AtomicU64,
     ending: AtomicBool,
 }
 
@@ -116,6 +121,7 @@ impl Clients {
             list: Mutex::default(),
             threads: Mutex::default(),
             counters,
+            count: AtomicU64::new(0),
             ending: AtomicBool::new(false),
         });
         let serving = Arc::clone(&shared);
@@ -184,6 +190,7 @@ fn begin(stream: TcpStream, shared: &Arc<Shared>, hear: &Arc<dyn Hear>) -> std::
     stream.set_write_timeout(Some(STUCK))?;
     let (incoming, outgoing) = (stream.try_clone()?, stream.try_clone()?);
     let client = Arc::new(Client {
+        number: shared.count.fetch_add(1, Ordering::Relaxed),
         stream,
         outbox: Outbox::default(),
         gone: AtomicBool::new(false),
@@ -199,7 +206,11 @@ fn begin(stream: TcpStream, shared: &Arc<Shared>, hear: &Arc<dyn Hear>) -> std::
         Arc::clone(hear),
     );
     threads.push(named("igtl-read").spawn(move || {
-        if let Some(reason) = read(&reading, incoming, &counters, &*hear) {
+        let is_gone = || reading.is_gone();
+        let ended = listen(incoming, &ALLOWANCE, &counters, is_gone, |message| {
+            hear.hear(&reading, message);
+        });
+        if let Some(reason) = ended {
             counters.add(reason);
         }
         reading.give_up();
@@ -219,54 +230,6 @@ fn begin(stream: TcpStream, shared: &Arc<Shared>, hear: &Arc<dyn Hear>) -> std::
         }
     })?);
     Ok(())
-}
-
-/// Reads until the connection ends or is given up; says why in the latter case.
-fn read(
-    client: &Arc<Client>,
-    mut stream: TcpStream,
-    counters: &Counters,
-    hear: &dyn Hear,
-) -> Option<&'static str> {
-    let mut reader = Reader::new(BODY);
-    let mut buffer = vec![0; 8 << 10];
-    let (mut bytes, mut messages) = (Budget::new(BYTES_HZ), Budget::new(MESSAGES_HZ));
-    while !client.is_gone() {
-        let n = match stream.read(&mut buffer) {
-            Ok(0) => {
-                if let Some(cut) = reader.end() {
-                    counters.add(cut.reason());
-                }
-                return None;
-            }
-            Ok(n) => n,
-            Err(error) if is_passing(&error) => continue,
-            Err(_) => return None,
-        };
-        let time = now();
-        if !bytes.spend(time, n as f64) {
-            return Some("connection closed: flood");
-        }
-        let mut rest = &buffer[..n];
-        while !rest.is_empty() {
-            let Some(read) = reader.push(&mut rest) else {
-                continue;
-            };
-            if !messages.spend(time, 1.0) {
-                return Some("connection closed: flood");
-            }
-            match read {
-                Ok(message) => hear.hear(client, &message),
-                Err(reject) => {
-                    counters.add(reject.reason());
-                    if reader.is_lost() {
-                        return Some("connection closed: lost its place");
-                    }
-                }
-            }
-        }
-    }
-    None
 }
 
 /// Writes until there is nothing more to come or the connection is given up; says why in the latter
@@ -300,11 +263,4 @@ fn write_until(stream: &mut TcpStream, mut bytes: &[u8], deadline: Instant) -> s
         }
     }
     Ok(())
-}
-
-fn is_passing(error: &std::io::Error) -> bool {
-    matches!(
-        error.kind(),
-        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-    )
 }

@@ -8,22 +8,24 @@
 mod clients;
 mod counters;
 mod hear;
+mod listen;
 mod outbox;
 mod scene;
 mod space;
+mod tracker;
 
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::time::{Duration, SystemTime};
 
 use hal::request::{Request, Verdict};
-use hal::{ArmState, Overlay, StereoFrame, Telemetry};
+use hal::{ArmState, Overlay, Stamp, StereoFrame, Telemetry};
 use igtl::Message;
 
 use super::address::{AddressError, resolve};
 use super::mailbox::mailbox;
 use super::{Feed, FeedRates, Interface, Mailbox, Post};
+use crate::clock::began;
 use crate::config::{Igtl, IgtlVersion};
 use crate::controls::Controls;
 use crate::cycle::Bearings;
@@ -32,6 +34,7 @@ pub use counters::Counters;
 use hear::{Ear, Heard};
 use scene::{Optics, Sender, Writer};
 use space::Space;
+pub use tracker::{Tracker, TrackerError};
 
 /// Answers that may wait to be put together.
 const ANSWERS: usize = 64;
@@ -67,7 +70,8 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves at the configuration's address.
+    /// Serves at the configuration's address; the run's time is `now`. What is sent for `tracker` is
+    /// handed to it.
     ///
     /// # Errors
     /// See [`ServerError`].
@@ -75,6 +79,8 @@ impl Server {
         config: &Igtl,
         bearings: &Bearings,
         controls: &Arc<Controls>,
+        tracker: Option<&Tracker>,
+        now: Stamp,
     ) -> Result<Self, ServerError> {
         let open = ("igtl.network", config.network);
         let asked = resolve("igtl.address", &config.address, open)?;
@@ -96,12 +102,14 @@ impl Server {
             },
             post,
             controls: Arc::clone(controls),
+            tracker: tracker.filter(|tracker| tracker.takes_clients()).cloned(),
             counters: Arc::clone(&counters),
             answers,
         };
+        let origin = began(now);
         std::thread::Builder::new()
             .name("igtl-answers".to_owned())
-            .spawn(move || answer_all(&given, Writer::new(extended, since_epoch())))
+            .spawn(move || answer_all(&given, Writer::new(extended, began(Stamp::ZERO))))
             .map_err(ServerError::Thread)?;
         let clients = Clients::serve(listener, Arc::clone(&counters), Arc::new(hearing))
             .map_err(ServerError::Thread)?;
@@ -117,7 +125,8 @@ impl Server {
                     .map(|pair| pair.right_from_left.inverse()),
                 left: bearings.cameras.as_ref().map(|pair| pair.left),
             },
-            writer: Writer::new(extended, since_epoch()),
+            tracker: tracker.cloned(),
+            writer: Writer::new(extended, origin),
         };
         let rates = FeedRates {
             poses: config.poses_hz,
@@ -168,22 +177,12 @@ impl Interface for Server {
     }
 }
 
-/// Wall-clock time since the epoch.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "messages carry wall-clock time since the epoch"
-)]
-fn since_epoch() -> Duration {
-    SystemTime::now()
-        .duration_since(SystemTime::UNIX_EPOCH)
-        .unwrap_or_default()
-}
-
 /// What is done with messages from connections.
 struct Hearing {
     ear: Ear,
     post: Post,
     controls: Arc<Controls>,
+    tracker: Option<Tracker>,
     counters: Arc<Counters>,
     answers: SyncSender<Answer>,
 }
@@ -202,7 +201,7 @@ fn answer_all(answers: &Receiver<Answer>, mut writer: Writer) {
             Ok(text) => (true, text),
             Err(reason) => (false, reason),
         };
-        writer.origin = since_epoch();
+        writer.origin = began(Stamp::ZERO);
         let messages = writer.answer(answer.request, accepted, text);
         // Who takes no answers misses them.
         let _ = answer.client.send(&messages);
@@ -211,6 +210,11 @@ fn answer_all(answers: &Receiver<Answer>, mut writer: Writer) {
 
 impl Hear for Hearing {
     fn hear(&self, client: &Arc<Client>, message: &Message) {
+        if let Some(tracker) = &self.tracker
+            && tracker.hear(client.number, message)
+        {
+            return;
+        }
         match self.ear.hear(message) {
             Heard::DeadMan => self.controls.refresh_dead_man(),
             Heard::Command(command) => {

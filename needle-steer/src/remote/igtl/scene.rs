@@ -11,7 +11,7 @@ use igtl::{
     Body, Ends, Extension, Image, Message, PolyData, Scalar, Status, StatusCode, Text, Timestamp,
     Trajectory,
 };
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde_json::json;
 use vision::camera::Camera;
 
@@ -19,6 +19,7 @@ use super::super::{Due, Scene, Show};
 use super::clients::Audience;
 use super::counters::Counters;
 use super::space::{Space, pose_of};
+use super::tracker::Tracker;
 
 /// Distance from the left camera at which its image is placed in space \[m\].
 const IMAGE_DISTANCE: f64 = 0.1;
@@ -34,6 +35,8 @@ mod device {
     pub(super) const POSITION: &str = "TipPosition";
     pub(super) const BASE: &str = "NeedleBase";
     pub(super) const TARGET: &str = "Target";
+    /// In simulation.
+    pub(super) const TRUTH: &str = "TrueTip";
     pub(super) const LEFT: &str = "LeftCamera";
     pub(super) const RIGHT: &str = "RightCamera";
     pub(super) const NEEDLE: &str = "Needle";
@@ -123,6 +126,7 @@ pub(super) struct Sender {
     pub(super) counters: Arc<Counters>,
     pub(super) space: Space,
     pub(super) optics: Optics,
+    pub(super) tracker: Option<Tracker>,
     pub(super) writer: Writer,
 }
 
@@ -177,6 +181,18 @@ impl Sender {
         if let Some(target) = self.space.point(&self.target(t)) {
             let body = Body::Transform(igtl::Transform::at(target));
             self.writer.put(device::TARGET, t.stamp, body);
+        }
+        // As the base is turned, but along the true axis.
+        if let Some(truth) = &t.truth
+            && let Some(turn) =
+                UnitQuaternion::rotation_between(&(base.rotation * Vector3::z()), &truth.direction)
+            && let Some(pose) = self.space.pose(&Isometry3::from_parts(
+                truth.tip.into(),
+                turn * base.rotation,
+            ))
+        {
+            self.writer
+                .put(device::TRUTH, truth.stamp, Body::Transform(pose));
         }
     }
 
@@ -236,6 +252,10 @@ impl Sender {
             "clients": self.audience.len(),
             "snapshots_dropped": dropped,
             "dropped": counts,
+            "tracker": self.tracker.as_ref().map(|tracker| json!({
+                "taken": tracker.taken(),
+                "dropped": tracker.counters().counts(),
+            })),
         });
         self.writer
             .put(device::STATE, t.stamp, text_of(&state.to_string()));

@@ -115,6 +115,18 @@ impl Space {
         self,
         transform: &igtl::Transform,
     ) -> Result<Position<World>, Misplaced> {
+        let pose = self.read_pose(transform)?;
+        Ok(Position::new(pose.translation.vector.into()))
+    }
+
+    /// A pose from the wire \[m\].
+    ///
+    /// # Errors
+    /// It is no rigid transform, or far.
+    pub(super) fn read_pose(
+        self,
+        transform: &igtl::Transform,
+    ) -> Result<Isometry3<f64>, Misplaced> {
         let origin = self.read_point(transform.origin)?;
         let axes = nalgebra::Matrix3::from_columns(
             &transform
@@ -128,7 +140,11 @@ impl Space {
         if error > ROTATION_TOLERANCE || axes.determinant() < 0.0 {
             return Err(Misplaced::NoRotation);
         }
-        Ok(origin)
+        let rotation = UnitQuaternion::from_matrix(&axes);
+        Ok(Isometry3::from_parts(
+            origin.coords().into(),
+            self.turn() * rotation,
+        ))
     }
 
     pub(super) const fn coordinates(self) -> igtl::Coordinates {
@@ -189,8 +205,9 @@ mod tests {
             let [i, j, k, w] = space.position(&pose).unwrap().orientation.map(f64::from);
             let q = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
             assert!((q.to_rotation_matrix().matrix() - axes).amax() < 1e-6);
-            let back = space.read_origin(&sent).unwrap();
-            assert!((back.coords() - pose.translation.vector).norm() < 1e-7);
+            let back = space.read_pose(&sent).unwrap();
+            assert!((back.translation.vector - pose.translation.vector).norm() < 1e-7);
+            assert!(back.rotation.angle_to(&pose.rotation) < 1e-6);
         }
     }
 

@@ -4,6 +4,7 @@
 //! serves the connections on threads of its own; a queue a connection is bounded, and drops its
 //! oldest messages where a client is slow.
 
+mod meshes;
 mod services;
 
 use std::net::SocketAddr;
@@ -19,10 +20,12 @@ use rosbridge::stream::{MESSAGE_ENCODING, SCHEMA_ENCODING, Stream, Topic};
 use super::address::{AddressError, resolve};
 use super::mailbox::mailbox;
 use super::{Due, Feed, FeedRates, Interface, Mailbox, Scene, Show};
-use crate::config::Live;
+use crate::config::Config;
 use crate::controls::Controls;
 use crate::cycle::Bearings;
+use crate::rig;
 use crate::ros::{camera_models, frames};
+use meshes::Meshes;
 
 /// Messages that may wait for a client: a fifth of a second, and no more than 60 MB of images.
 const BACKLOG: usize = 64;
@@ -65,10 +68,13 @@ impl Server {
     /// # Errors
     /// See [`LiveError`].
     pub fn open(
-        config: &Live,
+        config: &Config,
         bearings: &Bearings,
         controls: &Arc<Controls>,
     ) -> Result<Self, LiveError> {
+        let robot = rig::description(config);
+        let meshes = Meshes::of(config, robot.as_deref().unwrap_or_default());
+        let config = &config.live;
         let open = ("live.network", config.network);
         let asked = resolve("live.address", &config.address, open)?;
         let serve = |source| LiveError::Serve {
@@ -104,6 +110,7 @@ impl Server {
                 controls,
                 bearings.world_from_left_camera,
             ))
+            .fetch_asset_handler_blocking_fn(move |_, name| meshes.read(&name))
             .start_blocking()
             .map_err(serve)?;
         let address = SocketAddr::new(asked.ip(), handle.port());
@@ -114,6 +121,7 @@ impl Server {
                 joint_names: bearings.chain.names().to_vec(),
                 frames: frames(bearings),
                 cameras: bearings.cameras.as_ref().map(camera_models),
+                robot,
             },
         };
         let rates = FeedRates {
@@ -219,6 +227,7 @@ impl Show for Sender {
             }
             if due.slow {
                 self.send(Topic::TfStatic, t.stamp, |s| s.tf_static(t.stamp));
+                self.send(Topic::Robot, t.stamp, Stream::robot);
             }
             for text in &scene.warnings {
                 self.send(Topic::Note, t.stamp, |s| s.warning(t.stamp, text));
