@@ -1,7 +1,6 @@
 //! A run exported to the formats of others, opened by their own readers.
 #![expect(
     clippy::unwrap_used,
-    clippy::print_stderr,
     clippy::disallowed_methods,
     reason = "a failed step is a failed test, and one that is skipped says so"
 )]

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use hal::{ArmState, Overlay, StereoFrame, Telemetry};
 use rosbridge::aside::Aside;
 
-use super::now;
+use super::{now, stand_back};
 
 /// Snapshots that may wait for the thread.
 const QUEUE: usize = 64;
@@ -84,6 +84,7 @@ impl Feed {
         mut show: impl Show,
     ) -> std::io::Result<Self> {
         let work = move |items: &Receiver<Item>, dropped: &AtomicU64| {
+            stand_back();
             run(items, rates, dropped, &mut show);
         };
         Aside::start(name, QUEUE, work).map(Self)

@@ -189,8 +189,8 @@ fn commands_of_the_other_pages_run() {
             let elsewhere = ["emulate", "calibrate", "track", "ros", "relay"].contains(&first)
                 || command.contains(" ros")
                 || command.contains(".mcap")
-                // Served until somebody stops it; `tests/remote` does.
-                || ["--live", "--igtl"].iter().any(|way| command.contains(way))
+                // Served until somebody stops it, or measured by another program; `tests/remote` does.
+                || ["--live", "--igtl", "--tracker"].iter().any(|way| command.contains(way))
                 || command.contains('>');
             if elsewhere || is_pattern(&command) || !seen.insert(command.clone()) {
                 continue;

@@ -48,18 +48,17 @@ assert (info.width, info.height) == (newest["/left/image_raw"].width, newest["/l
 assert info.K[0] > 100.0 and info.header.frame_id == "left_camera_optical_frame"
 
 
-def stamps(message):
-    return message.header.stamp
-
-
 def same(a, b):
     """Fields of a message of ROS 1 against those of one of ROS 2 or of a bag, whatever the classes."""
-    if hasattr(a, "__slots__") or hasattr(a, "__dataclass_fields__"):
-        names = [n for n in fields(a) if n in fields(b)]
+    if hasattr(a, "nsecs"):
+        assert (a.secs, a.nsecs) == (b.sec, b.nanosec), (a, b)
+    elif hasattr(a, "__slots__") or hasattr(a, "__dataclass_fields__"):
+        here, there = fields(a), fields(b)
+        names = set(here) & set(there)
         assert names, (a, b)
         for name in names:
-            if name not in ("stamp", "seq", "level") and not name.endswith("_stamp"):
-                same(getattr(a, name), getattr(b, name))
+            if name not in ("stamp", "seq") and not name.endswith("_stamp"):
+                same(getattr(a, here[name]), getattr(b, there[name]))
     elif isinstance(a, (str, bytes, bool)):
         assert bytes(a) == bytes(b) if isinstance(a, bytes) else a == b, (a, b)
     elif isinstance(a, (list, tuple, np.ndarray)):
@@ -75,7 +74,8 @@ def same(a, b):
 
 def fields(message):
     names = getattr(message, "__dataclass_fields__", None) or getattr(message, "__slots__", [])
-    return {n.lower() if len(n) == 1 else n for n in names if not n.startswith("_")}
+    # ROS 2 has CameraInfo's D, K, R and P small.
+    return {n.lower() if len(n) == 1 else n: n for n in names if not n.startswith("_")}
 
 
 STEP = "/needle/step"

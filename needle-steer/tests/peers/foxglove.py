@@ -7,6 +7,7 @@ import struct
 import sys
 import time
 from contextlib import ExitStack
+from pathlib import Path
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
@@ -105,7 +106,25 @@ for topic, kind in types.items():
     channel = channels[topic]
     assert channel["schemaName"] == kind, channel
     assert channel["encoding"] == "ros1" and channel["schemaEncoding"] == "ros1msg", channel
-    assert len(channel["schema"]) > 20, channel
+    assert len(channel["schema"]) > 10, channel
+
+
+def named(node):
+    """What a layout names: topics with their fields, services."""
+    if isinstance(node, dict):
+        node = list(node) + list(node.values())
+    if isinstance(node, list):
+        return set().union(*map(named, node))
+    return {node} if isinstance(node, str) and node.startswith("/") else set()
+
+
+layout = json.loads((Path(__file__).parents[3] / "docs/live_layout.json").read_text())
+wanted = named(layout)
+assert {"/needle/markers", "/overlay", "/needle_steer/start"} <= wanted, wanted
+for path in wanted - set(services):
+    topic, _, field = path.partition(".")
+    assert topic in channels, path
+    assert not field or f" {field} " in channels[topic]["schema"].replace("\n", " \n"), path
 numbers = {topic: i + 1 for i, topic in enumerate(sorted(types))}
 subscriptions = [{"id": i, "channelId": channels[t]["id"]} for t, i in numbers.items()]
 socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))

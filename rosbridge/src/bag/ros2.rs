@@ -149,10 +149,26 @@ pub(super) fn type_name(name: &str) -> String {
 
 /// Quality of service of what is said once and holds, as bags describe it: the last one, reliable,
 /// kept for late subscribers.
-const LATCHED: &str = "- history: 1\\n  depth: 1\\n  reliability: 1\\n  durability: 1\\n  deadline:\\n    \
-     sec: 9223372036\\n    nsec: 854775807\\n  lifespan:\\n    sec: 9223372036\\n    nsec: 854775807\\n  \
-     liveliness: 1\\n  liveliness_lease_duration:\\n    sec: 9223372036\\n    nsec: 854775807\\n  \
-     avoid_ros_namespace_conventions: false";
+const LATCHED: &str = "- history: 1
+  depth: 1
+  reliability: 1
+  durability: 1
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: 1
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false";
+
+/// The quality of service that the file and its description say.
+fn quality(latched: bool) -> &'static str {
+    if latched { LATCHED } else { "" }
+}
 
 /// What a description says of a topic.
 #[derive(Debug)]
@@ -189,9 +205,11 @@ impl<W: Write + Seek> Storage<W> {
         let schema =
             self.mcap
                 .add_schema(topic.message_type, "ros2msg", topic.definition.as_bytes())?;
+        let quality = quality(topic.latched).to_owned();
+        let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), quality)]);
         let id = self
             .mcap
-            .add_channel(schema, topic.name, "cdr", &BTreeMap::new())?;
+            .add_channel(schema, topic.name, "cdr", &metadata)?;
         self.topics.push(Told {
             id,
             name: topic.name.to_owned(),
@@ -234,7 +252,7 @@ impl<W: Write + Seek> Storage<W> {
              message_count: {count}\n  topics_with_message_count:\n"
         );
         for told in &self.topics {
-            let quality = if told.latched { LATCHED } else { "" };
+            let quality = quality(told.latched).replace('\n', "\\n");
             let _ = write!(
                 text,
                 "    - topic_metadata:\n        name: {}\n        type: {}\n        \

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use igtl::Message;
 
-use super::super::now;
+use super::super::{now, stand_back};
 use super::counters::Counters;
 use super::listen::{Allowance, NOTICE, is_passing, listen};
 use super::outbox::Outbox;
@@ -127,7 +127,10 @@ impl Clients {
         let serving = Arc::clone(&shared);
         let acceptor = std::thread::Builder::new()
             .name("igtl-accept".to_owned())
-            .spawn(move || accept(&listener, &serving, &hear))?;
+            .spawn(move || {
+                stand_back();
+                accept(&listener, &serving, &hear);
+            })?;
         Ok(Self {
             shared,
             acceptor: Some(acceptor),
@@ -206,6 +209,7 @@ fn begin(stream: TcpStream, shared: &Arc<Shared>, hear: &Arc<dyn Hear>) -> std::
         Arc::clone(hear),
     );
     threads.push(named("igtl-read").spawn(move || {
+        stand_back();
         let is_gone = || reading.is_gone();
         let ended = listen(incoming, &ALLOWANCE, &counters, is_gone, |message| {
             hear.hear(&reading, message);
@@ -218,6 +222,7 @@ fn begin(stream: TcpStream, shared: &Arc<Shared>, hear: &Arc<dyn Hear>) -> std::
     let (writing, serving) = (Arc::clone(&client), Arc::clone(shared));
     shared.list().push(client);
     let writer = named("igtl-write").spawn(move || {
+        stand_back();
         if let Some(reason) = write(&writing, outgoing) {
             serving.counters.add(reason);
         }

@@ -24,7 +24,7 @@ use igtl::Message;
 
 use super::address::{AddressError, resolve};
 use super::mailbox::mailbox;
-use super::{Feed, FeedRates, Interface, Mailbox, Post};
+use super::{Feed, FeedRates, Interface, Mailbox, Post, stand_back};
 use crate::clock::began;
 use crate::config::{Igtl, IgtlVersion};
 use crate::controls::Controls;
@@ -109,7 +109,10 @@ impl Server {
         let origin = began(now);
         std::thread::Builder::new()
             .name("igtl-answers".to_owned())
-            .spawn(move || answer_all(&given, Writer::new(extended, began(Stamp::ZERO))))
+            .spawn(move || {
+                stand_back();
+                answer_all(&given, Writer::new(extended, began(Stamp::ZERO)));
+            })
             .map_err(ServerError::Thread)?;
         let clients = Clients::serve(listener, Arc::clone(&counters), Arc::new(hearing))
             .map_err(ServerError::Thread)?;
