@@ -15,7 +15,7 @@ use urdf_rs::{Joint, JointType};
 
 use super::chain::{Chain, ENDLESS, Independent, JointKind, Placed};
 use super::rigid::{Rigid, z_onto};
-use error::UrdfError;
+use error::{CALLER, UrdfError};
 pub use outline::arm_sections;
 use scan::{Scan, scan};
 pub use section::Section;
@@ -40,14 +40,14 @@ pub(super) fn read(xml: &str, section: &Section) -> Result<Chain, UrdfError> {
         }
         independent.push(Independent {
             name: joint.name.clone(),
-            kind: section.admit(joint)?,
+            kind: section.admit(joint, independent.len())?,
             limit: limit(joint, scanned.has_limit)?,
         });
     }
     section.check_count(&base, &joints, &independent)?;
     for (joint, scanned) in joints.iter().zip(&path) {
         if let Some(follower) = followers.get(joint.name.as_str()) {
-            section.admit(joint)?;
+            section.admit(joint, 0)?;
             let own = scanned.has_limit.then(|| limit(joint, true)).transpose()?;
             follower.narrow(joint, own.as_ref(), &mut independent)?;
         }
@@ -104,8 +104,13 @@ pub(super) fn decode(file: &[u8]) -> Cow<'_, str> {
         pairs.map(|pair| of([pair[0], pair[1]])).collect()
     };
     match file {
-        [0xff, 0xfe, ..] => String::from_utf16_lossy(&units(u16::from_le_bytes)).into(),
-        [0xfe, 0xff, ..] => String::from_utf16_lossy(&units(u16::from_be_bytes)).into(),
+        // Without a byte-order mark, by the bracket that XML begins with.
+        [0xff, 0xfe, ..] | [b'<', 0, ..] => {
+            String::from_utf16_lossy(&units(u16::from_le_bytes)).into()
+        }
+        [0xfe, 0xff, ..] | [0, b'<', ..] => {
+            String::from_utf16_lossy(&units(u16::from_be_bytes)).into()
+        }
         _ => String::from_utf8_lossy(file),
     }
 }
@@ -124,7 +129,7 @@ fn path<'a>(
     let tip = section.tip();
     for link in [Some(tip), section.base()].into_iter().flatten() {
         if !scan.links.iter().any(|known| known == link) {
-            return Err(unknown_link(scan, link, "the caller"));
+            return Err(unknown_link(scan, link, CALLER));
         }
     }
     let mut path = Vec::new();
@@ -146,10 +151,26 @@ fn path<'a>(
             base: base.to_owned(),
             tip: tip.to_owned(),
             above: above.join(", "),
+            below: is_below(&parents, base, tip),
         });
     }
     path.reverse();
     Ok((link.to_owned(), path))
+}
+
+/// Whether `link` hangs on `other`.
+fn is_below(parents: &HashMap<&str, (&scan::Joint, &str)>, link: &str, other: &str) -> bool {
+    let mut at = link;
+    for _ in 0..parents.len() {
+        let Some((_, parent)) = parents.get(at) else {
+            break;
+        };
+        at = parent;
+        if at == other {
+            return true;
+        }
+    }
+    false
 }
 
 /// Joint and link above each link; the links must form one tree.
@@ -211,6 +232,19 @@ fn unknown_link(scan: &Scan, link: &str, by: &str) -> UrdfError {
 
 /// The joints of the path as the parser reads them.
 fn parse(scan: &Scan, path: &[&scan::Joint]) -> Result<Vec<Joint>, UrdfError> {
+    if let Some((joint, wrong)) = path
+        .iter()
+        .find_map(|joint| Some((joint, joint.not_numbers.as_ref()?)))
+    {
+        return Err(UrdfError::NotNumbers {
+            line: wrong.line,
+            joint: joint.name.clone(),
+            element: wrong.element,
+            attribute: wrong.attribute,
+            found: wrong.found.clone(),
+            count: wrong.count,
+        });
+    }
     let robot = |joints: &str| {
         let text = format!("<robot name=\"chain\"{}>{joints}</robot>", scan.version);
         urdf_rs::read_from_string(&text)

@@ -23,6 +23,23 @@ const PARTS: [(&str, &[&str]); 6] = [
     ("mimic", &["joint", "multiplier", "offset"]),
 ];
 
+/// Of these, what fixed joints need.
+const OF_FIXED: [&str; 3] = ["origin", "parent", "child"];
+
+/// Attributes that are numbers, and how many.
+const NUMBERS: [(&str, usize); 10] = [
+    ("xyz", 3),
+    ("rpy", 3),
+    ("quat_xyzw", 4),
+    ("lower", 1),
+    ("upper", 1),
+    ("velocity", 1),
+    ("acceleration", 1),
+    ("jerk", 1),
+    ("multiplier", 1),
+    ("offset", 1),
+];
+
 /// Prefix of elements that only the preprocessor xacro understands.
 const XACRO: &str = "xacro:";
 
@@ -36,9 +53,23 @@ pub(super) struct Joint {
     pub(super) kind: String,
     pub(super) has_limit: bool,
     pub(super) mimics: bool,
+    /// The first attribute that should be numbers and is none.
+    pub(super) not_numbers: Option<NotNumbers>,
     /// The joint with nothing but the [`PARTS`], as XML.
     pub(super) xml: String,
     seen: HashSet<&'static str>,
+}
+
+/// An attribute that should be numbers.
+#[derive(Clone, Debug)]
+pub(super) struct NotNumbers {
+    /// Its line, from 1.
+    pub(super) line: usize,
+    pub(super) element: &'static str,
+    pub(super) attribute: &'static str,
+    pub(super) found: String,
+    /// How many numbers it should be.
+    pub(super) count: usize,
 }
 
 /// Links and joints of a file.
@@ -87,7 +118,9 @@ pub(super) fn scan(xml: &str) -> Result<Scan, UrdfError> {
                             scan.joints.push(joint(xml, position, element)?);
                         } else if tag == "link" {
                             let name = value(xml, position, element, "name")?;
-                            scan.links.push(name.ok_or(UrdfError::UnnamedLink)?);
+                            let line = line_of(xml, position);
+                            scan.links
+                                .push(name.ok_or(UrdfError::UnnamedLink { line })?);
                         } else {
                             scan.others.insert(tag.clone());
                         }
@@ -114,7 +147,7 @@ pub(super) fn scan(xml: &str) -> Result<Scan, UrdfError> {
         return Err(UrdfError::Truncated { element });
     }
     if !has_root {
-        return Err(UrdfError::NoXml);
+        return Err(UrdfError::no_xml(xml));
     }
     for joint in &mut scan.joints {
         joint.xml.push_str("</joint>");
@@ -126,7 +159,7 @@ fn joint(xml: &str, position: u64, element: &BytesStart<'_>) -> Result<Joint, Ur
     let name = value(xml, position, element, "name")?;
     let shown = attributes(xml, position, element, &["name", "type"])?;
     Ok(Joint {
-        name: name.unwrap_or_else(|| "(unnamed)".to_owned()),
+        name: name.unwrap_or_else(|| format!("(unnamed) in line {}", line_of(xml, position))),
         kind: value(xml, position, element, "type")?.unwrap_or_default(),
         xml: format!("<joint{shown}>"),
         ..Joint::default()
@@ -144,6 +177,9 @@ fn part(
     let Some((part, needed)) = PARTS.iter().find(|(part, _)| *part == tag) else {
         return Ok(());
     };
+    if joint.kind == "fixed" && !OF_FIXED.contains(part) {
+        return Ok(());
+    }
     if !joint.seen.insert(part) {
         return Err(UrdfError::RepeatedElement {
             joint: joint.name.clone(),
@@ -151,6 +187,18 @@ fn part(
         });
     }
     let mut shown = attributes(xml, position, element, needed)?;
+    for (attribute, count) in NUMBERS.iter().filter(|(name, _)| needed.contains(name)) {
+        let found = value(xml, position, element, attribute)?;
+        if let Some(found) = found.filter(|found| !is_numbers(found, *count)) {
+            joint.not_numbers.get_or_insert_with(|| NotNumbers {
+                line: line_of(xml, position),
+                element: part,
+                attribute,
+                found: found.split_whitespace().collect::<Vec<_>>().join(" "),
+                count: *count,
+            });
+        }
+    }
     match *part {
         "parent" => joint.parent = value(xml, position, element, "link")?,
         "child" => joint.child = value(xml, position, element, "link")?,
@@ -168,6 +216,11 @@ fn part(
     // Writing to a string cannot fail.
     let _ = write!(joint.xml, "<{part}{shown}/>");
     Ok(())
+}
+
+fn is_numbers(text: &str, count: usize) -> bool {
+    let mut numbers = text.split_whitespace().map(str::parse::<f64>);
+    (0..count).all(|_| matches!(numbers.next(), Some(Ok(_)))) && numbers.next().is_none()
 }
 
 /// Whether a speed says that none is known.
@@ -216,7 +269,14 @@ fn value(
 }
 
 fn syntax(xml: &str, byte: u64, source: quick_xml::Error) -> UrdfError {
+    UrdfError::Xml {
+        line: line_of(xml, byte),
+        source,
+    }
+}
+
+/// The line, from 1, of a byte's place.
+fn line_of(xml: &str, byte: u64) -> usize {
     let end = usize::try_from(byte).unwrap_or(usize::MAX).min(xml.len());
-    let line = xml.as_bytes()[..end].split(|byte| *byte == b'\n').count();
-    UrdfError::Xml { line, source }
+    xml.as_bytes()[..end].split(|byte| *byte == b'\n').count()
 }

@@ -8,6 +8,9 @@ use urdf_rs::{Joint, JointType};
 use super::error::UrdfError;
 use crate::kinematics::chain::{Independent, JointKind};
 
+/// Moving joints of an arm, at least.
+const LEAST_OF_ARM: usize = 6;
+
 /// Part of a URDF: from a base link to a tip link, with joints that are held still.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Section {
@@ -94,8 +97,8 @@ impl Section {
         Ok(())
     }
 
-    /// The kind of a joint that moves, if the section admits it.
-    pub(super) fn admit(&self, joint: &Joint) -> Result<JointKind, UrdfError> {
+    /// The kind of a joint that moves, if the section admits it; `before` it stand so many.
+    pub(super) fn admit(&self, joint: &Joint, before: usize) -> Result<JointKind, UrdfError> {
         let found = match joint.joint_type {
             JointType::Revolute => return Ok(JointKind::Revolute),
             JointType::Continuous => return Ok(JointKind::Continuous),
@@ -109,7 +112,13 @@ impl Section {
         Err(UrdfError::JointType {
             joint: joint.name.clone(),
             found,
+            admitted: if self.arm {
+                "revolute, continuous and fixed"
+            } else {
+                "revolute, continuous, prismatic and fixed"
+            },
             child: joint.child.link.clone(),
+            above: (before >= LEAST_OF_ARM).then(|| joint.parent.link.clone()),
         })
     }
 
@@ -121,7 +130,7 @@ impl Section {
         moving: &[Independent],
     ) -> Result<(), UrdfError> {
         let (least, admitted) = if self.arm {
-            (6, "6 or 7")
+            (LEAST_OF_ARM, "6 or 7")
         } else {
             (1, "1 to 7")
         };
@@ -134,12 +143,19 @@ impl Section {
             .and_then(|last| moving.get(last))
             .and_then(|joint| joints.iter().find(|other| other.name == joint.name))
             .map(|joint| joint.child.link.as_str());
-        let hint = below.map_or_else(String::new, |link| {
-            format!(
-                ": begin it lower (--base LINK, arm.base_link), at {link} or below, or hold joints \
-                 still (--hold JOINT=VALUE, arm.held_joints_deg)"
-            )
-        });
+        let hint = match (below, moving.len()) {
+            (Some(link), _) => format!(
+                ": begin it lower (--base LINK, arm.base_link), at {link} or below, end it sooner \
+                 (--tip LINK, arm.tip_link), or hold joints still (--hold JOINT=VALUE, \
+                 arm.held_joints_deg)"
+            ),
+            (None, 0) => ": end it further out (--tip LINK, arm.tip_link)".to_owned(),
+            (None, _) => {
+                ": end it further out (--tip LINK, arm.tip_link), or take it for a device \
+                          of fewer joints (--mechanism, arm.mechanism = true)"
+                    .to_owned()
+            }
+        };
         Err(UrdfError::JointCount {
             base: base.to_owned(),
             tip: self.tip.clone(),
