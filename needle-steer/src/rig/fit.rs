@@ -1,7 +1,10 @@
 //! Whether an arm can carry out an insertion, found before anything moves.
 
+mod misfit;
+
 use core::f64::consts::TAU;
 
+use hal::telemetry::Limit;
 use hal::{Joints, Twist};
 use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 use robots::kinematics::{Chain, JointKind, RateSettings};
@@ -10,12 +13,22 @@ use super::device::is_device;
 use crate::bearings::freedom_at;
 use crate::config::{Config, TargetKind};
 use crate::roll::spin_limit;
+pub use misfit::Misfit;
+pub(super) use misfit::PLACE;
 
 /// Angle \[rad\] and distance \[m\] of the needle from the axis of the joint that turns it, beyond
 /// which the other joints would have to swing the holder round with every turn.
 const OFF_AXIS: (f64, f64) = (0.0175, 2e-3);
 /// Least travel of that joint \[rad\]: with 300 degrees the bevel can alternate between the ends.
 const LEAST_TURN: f64 = 300.0 / 360.0 * TAU - 1e-6;
+/// Least speed of that joint \[rad/s\]: at 0.3 rad/s some insertions of the paper's 80 mm take longer
+/// than the ten minutes that a run may.
+const LEAST_SPIN: f64 = 0.4;
+/// Ends of a turning joint that are taken for degrees \[rad\]: 8 turns and more, where no cable goes;
+/// far beyond, they stand for none.
+const TAKEN_FOR_DEGREES: core::ops::Range<f64> = 50.0..2000.0;
+/// Distance of the tip from the base that is taken for millimetres \[m\].
+const TAKEN_FOR_MM: f64 = 50.0;
 /// Distance that the joints keep from their ends on the way \[rad\]: what the guard keeps, and
 /// room for the base to steer.
 const ROOM: f64 = 0.035;
@@ -39,116 +52,6 @@ const STRAIGHT: f64 = 0.013;
 /// Distance from a wanted pose that shows that the arm cannot follow \[m\], \[rad\].
 const ASTRAY: (f64, f64) = (1e-3, 0.01);
 
-/// Why an arm cannot carry out the insertion; nothing moved.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Misfit {
-    /// Joints whose speed is not known.
-    #[error(
-        "the URDF gives no speed for {joints} (velocity of <limit> is 0 or missing): \
-         arm.joint_speed_deg_s gives it"
-    )]
-    NoSpeed {
-        /// Their names.
-        joints: String,
-    },
-    /// The needle is not along the axis of the joint that turns it.
-    #[error(
-        "z of {tip} is {tilt_deg:.1} degrees off the axis of {joint}, which must turn the needle, \
-         and its origin {aside_mm:.1} mm beside it; {remedy}"
-    )]
-    OffAxis {
-        /// The tip link.
-        tip: String,
-        /// The joint.
-        joint: String,
-        /// Angle between them \[deg\].
-        tilt_deg: f64,
-        /// Distance of the tip from the axis \[mm\].
-        aside_mm: f64,
-        /// Keys that put the needle onto the axis.
-        remedy: String,
-    },
-    /// The joint that turns the needle has not enough travel.
-    #[error(
-        "{joint} must turn the needle, but turns from {lower_deg:.1} to {upper_deg:.1} deg only: \
-         {travel_deg:.1} of the 300 deg that steering needs"
-    )]
-    ShortTurn {
-        /// The joint.
-        joint: String,
-        /// Its ends \[deg\].
-        lower_deg: f64,
-        /// See `lower_deg`.
-        upper_deg: f64,
-        /// Its travel \[deg\].
-        travel_deg: f64,
-    },
-    /// A joint starts at its end.
-    #[error("{joint} starts at its end ({position} of {lower} to {upper}) and has no room{PLACE}")]
-    StartsAtEnd {
-        /// The joint.
-        joint: String,
-        /// Where it starts, with the unit.
-        position: String,
-        /// Its ends.
-        lower: String,
-        /// See `lower`.
-        upper: String,
-    },
-    /// A joint comes to its end on the way.
-    #[error(
-        "{joint} comes to its end ({end}) {depth_mm:.0} mm deep{tilted}; the insertion \
-         needs {needed_mm:.0} mm{PLACE}"
-    )]
-    MeetsEnd {
-        /// The joint.
-        joint: String,
-        /// The end, with the unit.
-        end: String,
-        /// Depth of the tip \[mm\].
-        depth_mm: f64,
-        /// Depth of the whole insertion \[mm\].
-        needed_mm: f64,
-        /// The tilt or shift of the base that leads there, in words; empty without.
-        tilted: String,
-    },
-    /// A device is mounted elsewhere than the insertion starts.
-    #[error(
-        "the device holds the needle {across_mm:.1} mm beside the start of the insertion, \
-         {askew_deg:.1} deg askew and {along_mm:+.1} mm along it, and cannot get nearer{PLACE}"
-    )]
-    Mounted {
-        /// Distance across the needle \[mm\].
-        across_mm: f64,
-        /// Along it, positive where the tip is in the tissue \[mm\].
-        along_mm: f64,
-        /// Angle between the needle and the insertion's axis \[deg\].
-        askew_deg: f64,
-    },
-    /// No joint of a device inserts the needle.
-    #[error("no joint moves {tip} along its z: nothing inserts the needle")]
-    NoInsertion {
-        /// The tip link.
-        tip: String,
-    },
-    /// The arm comes to a singularity or to the end of its reach on the way.
-    #[error(
-        "the arm comes to a singularity or the end of its reach {depth_mm:.0} mm deep{tilted}; the \
-         insertion needs {needed_mm:.0} mm{PLACE}"
-    )]
-    Singular {
-        /// Depth of the tip \[mm\].
-        depth_mm: f64,
-        /// Depth of the whole insertion \[mm\].
-        needed_mm: f64,
-        /// The tilt or shift of the base that leads there, in words; empty without.
-        tilted: String,
-    },
-}
-
-/// What helps against a bad place.
-const PLACE: &str = "; needle-steer check --suggest looks for a place to stand";
-
 /// What does not depend on where the arm stands: speeds, and the joint that turns the needle.
 ///
 /// # Errors
@@ -160,6 +63,7 @@ pub fn check_chain(chain: &Chain) -> Result<(), Misfit> {
             joints: missing.join(", "),
         });
     }
+    check_units(chain)?;
     let spin = chain.spin();
     if spin.is_none() && is_device(chain) {
         return Ok(());
@@ -182,8 +86,44 @@ pub fn check_chain(chain: &Chain) -> Result<(), Misfit> {
             upper_deg: limit.upper.to_degrees(),
             travel_deg: (limit.upper - limit.lower).to_degrees(),
         }),
+        Some(limit) if limit.velocity < LEAST_SPIN => {
+            let least = LEAST_SPIN.to_degrees();
+            Err(Misfit::slow(
+                chain,
+                spinner,
+                format!(", of the {least:.0} deg/s with which it must turn the needle"),
+            ))
+        }
         _ => Ok(()),
     }
+}
+
+/// Whether ends and lengths can be rad and m.
+fn check_units(chain: &Chain) -> Result<(), Misfit> {
+    let spinner = chain.spin().map(|spin| spin.joint);
+    let joints = chain.limits().iter().zip(chain.kinds()).enumerate();
+    for (i, (limit, kind)) in joints {
+        let end = limit.lower.abs().max(limit.upper.abs());
+        // A spindle may have many turns.
+        if Some(i) != spinner && *kind == JointKind::Revolute && TAKEN_FOR_DEGREES.contains(&end) {
+            return Err(Misfit::Degrees {
+                joint: chain.names()[i].clone(),
+                lower: limit.lower,
+                upper: limit.upper,
+            });
+        }
+    }
+    let zero = chain.limits().iter().map(|_| 0.0).collect::<Vec<f64>>();
+    let distance = Joints::from_slice(&zero)
+        .map_or(0.0, |zero| chain.forward(&zero).translation.vector.norm());
+    if distance > TAKEN_FOR_MM {
+        return Err(Misfit::Millimetres {
+            base: chain.base().to_owned(),
+            tip: chain.tip().to_owned(),
+            distance,
+        });
+    }
+    Ok(())
 }
 
 /// The keys that turn and move the needle onto the axis of the last joint, its z the way that is
@@ -373,6 +313,7 @@ impl Stopped {
         /// Steps in which a pose is approached.
         const APPROACH: usize = 8;
         let mut q = *q;
+        let mut slowest = None;
         for _ in 0..APPROACH {
             let here = chain.forward(&q);
             let (linear, angular) = apart(&here, pose);
@@ -380,12 +321,24 @@ impl Stopped {
                 break;
             }
             let rates = chain.rates(&q, &Twist { linear, angular }, &RateSettings::default());
+            slowest = rates.limits.iter().find_map(|limit| match limit {
+                Limit::JointVelocity(joint) => Some(usize::from(*joint)),
+                _ => None,
+            });
             q = q.zip(&rates.rates, |q, rate| q + rate);
         }
         self.inside(chain, &q)?;
         let (linear, angular) = apart(&chain.forward(&q), pose);
         let threshold = RateSettings::default().threshold;
         let astray = linear.norm() > ASTRAY.0 || angular.norm() > ASTRAY.1;
+        if let Some(joint) = slowest.filter(|_| astray && chain.dexterity(&q, LENGTH) > threshold) {
+            let (mm, tilted) = (self.depth * 1e3, &self.tilted);
+            return Err(Misfit::slow(
+                chain,
+                joint,
+                format!(", and does not follow the insertion {mm:.0} mm deep{tilted}"),
+            ));
+        }
         if astray || chain.dexterity(&q, LENGTH) < threshold {
             return Err(Misfit::Singular {
                 depth_mm: self.depth * 1e3,

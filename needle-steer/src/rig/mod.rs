@@ -70,7 +70,10 @@ pub enum RigBuildError {
     #[error("{0}")]
     Urdf(String),
     /// The arm cannot hold the needle at its start.
-    #[error("the arm cannot reach the start pose of the needle's base at {position_mm:?} mm")]
+    #[error(
+        "the arm cannot reach the start pose of the needle's base at {position_mm:?} mm{}",
+        fit::PLACE
+    )]
     StartUnreachable {
         /// The start \[mm\].
         position_mm: [f64; 3],

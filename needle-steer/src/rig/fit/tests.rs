@@ -103,6 +103,47 @@ fn an_arm_that_cannot_insert_is_refused_with_the_reason() {
     );
 }
 
+/// Speeds and units that a URDF may have wrong.
+#[test]
+fn an_arm_that_is_too_slow_or_in_other_units_is_refused_with_the_reason() {
+    let good = arm("1 0 0", 6.0, 3.0);
+    let with = |joint: usize, change: &dyn Fn(&mut hal::JointLimit)| {
+        let mut limits = good.limits().to_vec();
+        change(&mut limits[joint]);
+        refusal(&good.clone().with_limits(limits).unwrap(), &[])
+    };
+    let spin = with(5, &|limit| limit.velocity = 0.2);
+    assert!(
+        spin.contains("j6 is too slow: 11.5 deg/s, of the 23 deg/s with which it must turn"),
+        "{spin}"
+    );
+    let tilt = with(1, &|limit| limit.velocity = 0.002);
+    assert!(
+        tilt.contains("j2 is too slow: 0.1 deg/s, and does not follow"),
+        "{tilt}"
+    );
+    let degrees = with(2, &|limit| (limit.lower, limit.upper) = (-170.0, 80.0));
+    assert!(
+        degrees.contains("j3 turns from -170 to 80 rad: are these degrees?"),
+        "{degrees}"
+    );
+    // A spindle, and what stands for no ends at all.
+    for (joint, end) in [(5, 300.0), (0, 1e6)] {
+        let mut limits = good.limits().to_vec();
+        (limits[joint].lower, limits[joint].upper) = (-end, end);
+        let chain = good.clone().with_limits(limits).unwrap();
+        assert_eq!(check_chain(&chain), Ok(()));
+    }
+    let long = good
+        .clone()
+        .with_tool(&Translation3::new(0.0, 0.0, 900.0).into());
+    let millimetres = refusal(&long, &[]);
+    assert!(
+        millimetres.contains(" m from l0: are these millimetres?"),
+        "{millimetres}"
+    );
+}
+
 #[test]
 fn a_place_that_is_suggested_is_one() {
     for chain in [arm("1 0 0", 6.0, 3.0), arm("-1 0 0", 2.7, 2.9)] {
