@@ -92,6 +92,29 @@ pub(super) const KNOWN: [Quantity; 26] = [
 ];
 
 impl Quantity {
+    /// Whether a recording does without it, so that it may be unknown in single rows.
+    pub(super) fn is_optional(self) -> bool {
+        const OPTIONAL: [&str; 7] = [
+            "axis_x",
+            "axis_y",
+            "axis_z",
+            "sigma",
+            "axis_sigma",
+            "inserted",
+            "roll",
+        ];
+        OPTIONAL.contains(&self.name)
+    }
+
+    /// What else than a number in its unit may stand in its place, in words.
+    pub(super) fn remedy(self) -> &'static str {
+        if self.dimension == Dimension::Time {
+            "write seconds (`t_s`), of any clock"
+        } else {
+            "write a number, as 0.25 or 1e-3, or remove the row"
+        }
+    }
+
     /// Name with the SI unit, as the documentation writes it.
     pub(super) fn header(self) -> String {
         match self.dimension.units().first() {

@@ -117,8 +117,19 @@ impl Table {
             let mut cells = Cells::of(quantity);
             for row in &text.rows {
                 let cell = row.cells.get(k).map_or("", String::as_str);
+                let unknown = quantity.is_optional() && is_unknown(cell);
+                let cell = if unknown { "" } else { cell };
                 cells
                     .push(cell, factor, &mut decimals, row.number)
+                    .map_err(|problem| match problem {
+                        Wrong::Number(found) => {
+                            format!(
+                                "expected a finite number, found `{found}`; {}",
+                                quantity.remedy()
+                            )
+                        }
+                        Wrong::Other(problem) => problem,
+                    })
                     .map_err(|problem| value(file, row.number, format!("{header}: {problem}")))?;
             }
             table.columns.push(Column {
@@ -247,7 +258,7 @@ impl Cells {
         factor: f64,
         decimals: &mut Decimals,
         line: usize,
-    ) -> Result<(), String> {
+    ) -> Result<(), Wrong> {
         match self {
             Self::Numbers(numbers) if cell.is_empty() => numbers.push(None),
             Self::Numbers(numbers) => numbers.push(Some(decimals.number(cell, line)? * factor)),
@@ -257,13 +268,27 @@ impl Cells {
     }
 }
 
+/// What other programs write for no value.
+fn is_unknown(cell: &str) -> bool {
+    const WORDS: [&str; 6] = ["nan", "na", "n/a", "null", "none", "-"];
+    WORDS.contains(&cell.to_lowercase().as_str())
+}
+
+/// What is wrong with a cell.
+enum Wrong {
+    /// It is no finite number.
+    Number(String),
+    /// In words.
+    Other(String),
+}
+
 /// Points as `x y z;x y z;...`.
 fn points(
     cell: &str,
     factor: f64,
     decimals: &mut Decimals,
     line: usize,
-) -> Result<Vec<Point3<f64>>, String> {
+) -> Result<Vec<Point3<f64>>, Wrong> {
     cell.split(';')
         .filter(|point| !point.trim().is_empty())
         .map(|point| {
@@ -273,7 +298,9 @@ fn points(
                 .collect::<Result<_, _>>()?;
             match numbers.as_slice() {
                 &[x, y, z] => Ok(Point3::new(x, y, z) * factor),
-                _ => Err(format!("expected `x y z;x y z`, found `{point}`")),
+                _ => Err(Wrong::Other(format!(
+                    "expected `x y z;x y z`, found `{point}`"
+                ))),
             }
         })
         .collect()
@@ -298,27 +325,30 @@ impl Decimals {
         }
     }
 
-    fn number(&mut self, cell: &str, line: usize) -> Result<f64, String> {
+    fn number(&mut self, cell: &str, line: usize) -> Result<f64, Wrong> {
         let comma = self.commas && cell.contains(',');
-        let text = if comma {
-            cell.replacen(',', ".", 1)
-        } else {
-            cell.to_owned()
-        };
+        // The minus sign of typesetters, and the exponent that Fortran writes.
+        let mut text = cell.replace('\u{2212}', "-");
+        if text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c)) {
+            text = text.replacen(['d', 'D'], "e", 1);
+        }
+        if comma {
+            text = text.replacen(',', ".", 1);
+        }
         let number = text
             .parse::<f64>()
             .ok()
             .filter(|number| number.is_finite())
-            .ok_or_else(|| format!("expected a finite number, found `{cell}`"))?;
+            .ok_or_else(|| Wrong::Number(cell.to_owned()))?;
         if comma {
             self.comma.get_or_insert_with(|| (cell.to_owned(), line));
         } else if cell.contains('.') {
             self.point.get_or_insert_with(|| (cell.to_owned(), line));
         }
         match (&self.point, &self.comma) {
-            (Some((point, at)), Some((comma, other))) => Err(format!(
+            (Some((point, at)), Some((comma, other))) => Err(Wrong::Other(format!(
                 "a file has decimal points or decimal commas, found `{point}` in line {at} and `{comma}` in line {other}"
-            )),
+            ))),
             _ => Ok(number),
         }
     }

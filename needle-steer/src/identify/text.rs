@@ -33,9 +33,15 @@ pub(super) enum Separator {
     Blanks,
 }
 
-const SEPARATORS: [Separator; 4] = [
+/// Lines before the names of the columns in which other programs may speak of themselves.
+const PREAMBLE: usize = 50;
+/// Names that are known make a line the header behind such lines, from so many on.
+const CLEARLY_HEADER: usize = 4;
+
+const SEPARATORS: [Separator; 5] = [
     Separator::Character('\t'),
     Separator::Character(';'),
+    Separator::Character('|'),
     Separator::Character(','),
     Separator::Blanks,
 ];
@@ -48,6 +54,7 @@ impl Text {
         let mut header = None;
         let mut commented = None;
         let mut rows = Vec::new();
+        let preamble = preamble(&text);
         for (k, line) in lines(&text).enumerate() {
             let (number, line) = (k + 1, line.trim());
             if let Some(mark) = line.strip_prefix("sep=") {
@@ -60,7 +67,7 @@ impl Text {
                 }
                 continue;
             }
-            if line.is_empty() {
+            if line.is_empty() || k < preamble {
                 continue;
             }
             let failed = |text| Problem { line: number, text };
@@ -117,6 +124,9 @@ impl Text {
             let found = row.cells.len();
             if found != width {
                 let hint = match self.separator {
+                    _ if found == 1 && width > 2 => {
+                        "; separate its cells as those of the header, or remove the line"
+                    }
                     Separator::Character(',') if found > width => {
                         "; decimal commas need `;` or a tab between cells, and `points_m` may need quotes"
                     }
@@ -135,11 +145,26 @@ impl Text {
     }
 }
 
+/// Lines before the header, where the first line is none and a later one clearly is.
+fn preamble(text: &str) -> usize {
+    let known = |line: &str| {
+        let cells = split(line.trim(), best_separator(line.trim()));
+        cells.map_or(0, |cells| recognised(&cells))
+    };
+    let mut first = lines(text).take(PREAMBLE).enumerate();
+    let header = first.find(|(_, line)| comment(line.trim()).is_none() && known(line) > 0);
+    match header {
+        Some((k, line)) if known(line) >= CLEARLY_HEADER => k,
+        _ => 0,
+    }
+}
+
 const fn line_of(number: usize, cells: Vec<String>) -> Line {
     Line { number, cells }
 }
 
-/// UTF-8, or UTF-16 as spreadsheets write "Unicode text"; without a byte-order mark.
+/// UTF-8, or UTF-16 as spreadsheets write "Unicode text"; without a byte-order mark, and without
+/// the mark that old systems end a file with.
 fn decoded(bytes: &[u8]) -> Result<String, Problem> {
     let pairs = |rest: &[u8], join: fn([u8; 2]) -> u16| {
         let units = rest.as_chunks().0.iter().map(|pair| join(*pair));
@@ -151,8 +176,11 @@ fn decoded(bytes: &[u8]) -> Result<String, Problem> {
         [0xff, 0xfe, rest @ ..] => pairs(rest, u16::from_le_bytes),
         [0xfe, 0xff, rest @ ..] => pairs(rest, u16::from_be_bytes),
         [0xef, 0xbb, 0xbf, rest @ ..] => String::from_utf8_lossy(rest).into_owned(),
+        [first, 0, ..] if *first != 0 => pairs(bytes, u16::from_le_bytes),
+        [0, first, ..] if *first != 0 => pairs(bytes, u16::from_be_bytes),
         _ => String::from_utf8_lossy(bytes).into_owned(),
     };
+    let text = text.trim_end_matches('\u{1a}').to_owned();
     if let Some(at) = text.find('\0') {
         return Err(Problem {
             line: lines(&text[..at]).count().max(1),
@@ -273,9 +301,14 @@ mod tests {
             "# t_s tip_x_m\n0 1.5\n1 2.5\n",
             "\"t_s\",\"tip_x_m\"\n\"0\",\"1.5\"\n1,2.5\n",
             "t_s,tip_x_m\r0,1.5\r1,2.5\r",
+            "t_s|tip_x_m\n0|1.5\n1|2.5\n",
+            "t_s,tip_x_m\n0,1.5\n1,2.5\n\u{1a}",
         ] {
             assert_eq!(cells(text), expected, "{text:?}");
         }
+        let bare = "t_s\ttip_x_m\n0\t1.5\n1\t2.5\n".encode_utf16();
+        let bare: Vec<u8> = bare.flat_map(u16::to_be_bytes).collect();
+        assert_eq!(Text::read(&bare).unwrap().rows[1].cells, expected[1]);
         let utf16: Vec<u8> = "\u{feff}t_s\ttip_x_m\r\n0\t1.5\r\n1\t2.5\r\n"
             .encode_utf16()
             .flat_map(u16::to_le_bytes)
@@ -292,6 +325,17 @@ mod tests {
             let numbers: Vec<usize> = table.rows.iter().map(|row| row.number).collect();
             assert_eq!((table.header.number, numbers), (2, vec![4, 5]), "{end:?}");
         }
+    }
+
+    #[test]
+    fn what_a_program_says_before_the_header_is_passed_over() {
+        let header = "t_s,tip_x_m,tip_y_m,tip_z_m";
+        let text = format!("Made by LabRecorder, v2\nDate: 2026-01-05\n\n{header}\n0,1,2,3\n");
+        let table = Text::read(text.as_bytes()).unwrap();
+        assert_eq!((table.header.number, table.rows[0].number), (4, 5));
+        // Names of which few are known are the header, and are told.
+        let table = Text::read(b"time,tip_x_m\n0,1\n").unwrap();
+        assert_eq!(table.header.cells, ["time", "tip_x_m"]);
     }
 
     #[test]
@@ -314,6 +358,11 @@ mod tests {
             ("t_s;points_m\n0;1 2 3;4 5 6\n", 2, "needs quotes"),
             ("t_s,tip_x_m\n0,\"1\n", 2, "closing quote"),
             ("t_s,tip_x_m\n0,1\n\0\0\n", 3, "binary"),
+            (
+                "t_s;tip_x_m;tip_y_m\n0,1,2\n",
+                2,
+                "separate its cells as those of the header",
+            ),
         ] {
             let problem = Text::read(text.as_bytes()).unwrap_err();
             assert_eq!(problem.line, line, "{text:?}: {problem:?}");

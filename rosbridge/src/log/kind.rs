@@ -50,7 +50,8 @@ impl FileKind {
         let known = SIGNATURES
             .iter()
             .find(|(signature, _)| head.starts_with(signature));
-        let utf16 = head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff");
+        let marked = head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff");
+        let utf16 = marked || is_bare_utf16(head);
         match known {
             Some((_, kind)) => *kind,
             None if head.is_empty() => Self::Empty,
@@ -97,6 +98,17 @@ impl FileKind {
             }
         }
     }
+}
+
+/// Latin letters in UTF-16 without a byte-order mark: every other byte is zero.
+fn is_bare_utf16(head: &[u8]) -> bool {
+    let pairs = head.as_chunks::<2>().0;
+    let text = |letter: usize| {
+        let other = 1 - letter;
+        let is_letter = |pair: &[u8; 2]| pair[other] == 0 && !is_control(pair[letter]);
+        pairs.len() > 1 && pairs.iter().all(is_letter)
+    };
+    text(0) || text(1)
 }
 
 /// Bytes that no text holds.

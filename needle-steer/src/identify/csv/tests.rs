@@ -247,6 +247,31 @@ fn what_is_wrong_names_row_and_column() {
     }
 }
 
+/// What is not known of an optional column may be said in the words of other programs; numbers may
+/// be spelled as they do.
+#[test]
+fn unknown_values_and_numbers_of_other_programs_are_read() {
+    let mut head: Vec<&str> = HEAD.to_vec();
+    head[11] = "sigma_mm";
+    let mut spelled = rows();
+    for (k, row) in spelled.iter_mut().enumerate() {
+        row[11] = ["0.1", "NaN", "n/a", "-", "1D-1"][k % 5].into();
+    }
+    spelled[1][8] = spelled[1][8].replace('-', "\u{2212}");
+    let found = read("spelled.csv", table(&head, &spelled, ",", "\n").as_bytes()).unwrap();
+    let sigma: Vec<f64> = found.seen[..5].iter().map(|s| s.tip_sigma).collect();
+    assert_eq!(sigma, [1e-4, SIGMA, SIGMA, SIGMA, 1e-4]);
+    for (cell, expected) in [
+        ("10:00:01", "found `10:00:01`; write seconds (`t_s`)"),
+        ("s", "found `s`; write seconds"),
+    ] {
+        let mut rows = rows();
+        rows[2][0] = cell.into();
+        let message = refused("time.csv", &table(&HEAD, &rows, ",", "\n"));
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
 #[test]
 fn two_kinds_of_decimal_marks_are_refused() {
     let mut mixed = rows();
