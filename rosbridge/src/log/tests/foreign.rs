@@ -86,6 +86,39 @@ fn compressed_logs_read_as_they_were_written() {
     }
 }
 
+/// Chunks that unfold to far more than they say, or say far more than anyone has: as little is
+/// unfolded as shows it.
+#[test]
+fn a_bomb_is_refused_where_it_stands() {
+    const UNFOLDED: usize = 16 << 20;
+    let log = written(&records(3), 7, true);
+    for compression in ["zstd", "lz4"] {
+        let packed = pack(&vec![0; UNFOLDED], compression);
+        assert!(100 * packed.len() < UNFOLDED, "{compression}");
+        for (declared, expected) in [
+            (1000, "holds 1001 bytes, not 1000"),
+            (UNFOLDED as u64 + 1, "not 16777217"),
+            (u64::MAX, "claims 18446744073709551615 bytes"),
+        ] {
+            let mut records = raw_records(&recompressed(&log, compression));
+            for (_, content) in records.iter_mut().filter(|(o, _)| *o == op::CHUNK) {
+                content.truncate(32 + compression.len());
+                content[16..24].copy_from_slice(&u64::to_le_bytes(declared));
+                content.extend((packed.len() as u64).to_le_bytes());
+                content.extend(&packed);
+            }
+            let bytes = file(&records);
+            let error = LogReader::new(bytes.as_slice())
+                .and_then(|mut reader| reader.find_map(Result::err).map_or(Ok(()), Err))
+                .unwrap_err()
+                .to_string();
+            for part in ["at byte", expected, "mcap recover"] {
+                assert!(error.contains(part), "{compression}: {error}");
+            }
+        }
+    }
+}
+
 #[test]
 fn an_unknown_compression_is_named_with_the_remedy() {
     let bytes = recompressed(&written(&records(2), 7, true), "snappy");
