@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use needle_steer::config::{self, Config};
 use needle_steer::experiments::in_parallel;
 use needle_steer::outcome::Ended;
-use needle_steer::rig;
+use needle_steer::rig::{self, Misfit};
 use needle_steer::run::simulate;
 
 /// The URDFs; at least twelve.
@@ -164,10 +164,62 @@ fn random_arm(seed: u32) -> String {
     urdf
 }
 
-/// What became of the insertion with random arm `seed`, its file in `folder`.
-fn verdict_on(seed: u32, folder: &Path) -> Result<(Ended, Option<f64>), String> {
+/// An arm of no maker's kind: axes and frames anyhow, joints without ends, ranges away from zero,
+/// speeds from slow to fast, the holder beside the last axis and across it.
+fn any_arm(seed: u32) -> String {
+    let chance = &mut Chance(u64::from(seed) << 20);
+    let three = |chance: &mut Chance, least: f64, most: f64| {
+        let numbers = [0; 3].map(|_| chance.between(least, most).to_string());
+        numbers.join(" ")
+    };
+    let joints = if chance.next() < 0.5 { 6 } else { 7 };
+    let mut urdf = String::from("<robot name=\"a\"><link name=\"l0\"/>");
+    for n in 1..=joints {
+        let last = n == joints;
+        let length = chance.between(0.1, 0.4) * if last { 0.2 } else { 1.0 };
+        let aside = [0; 2].map(|_| length * chance.between(-0.5, 0.5));
+        let (rpy, axis) = (three(chance, -3.1, 3.1), three(chance, -1.0, 1.0));
+        let endless = chance.next() < 0.2;
+        let (least, most, shift) = if last {
+            (2.7, 6.3, 0.0)
+        } else {
+            (1.2, 3.2, chance.between(-3.0, 3.0))
+        };
+        let shift = if chance.next() < 0.2 { shift } else { 0.0 };
+        let lower = shift - chance.between(least, most);
+        let upper = shift + chance.between(least, most);
+        let speed = 0.4 * 15_f64.powf(chance.next());
+        write!(
+            urdf,
+            "<link name=\"l{n}\"/><joint name=\"j{n}\" type=\"{}\"><parent link=\"l{}\"/>\
+             <child link=\"l{n}\"/><origin xyz=\"{} {} {length}\" rpy=\"{rpy}\"/><axis xyz=\"{axis}\"/>\
+             <limit lower=\"{lower}\" upper=\"{upper}\" velocity=\"{speed}\"/></joint>",
+            if endless { "continuous" } else { "revolute" },
+            n - 1,
+            aside[0],
+            aside[1],
+        )
+        .unwrap();
+    }
+    write!(
+        urdf,
+        "<link name=\"held\"/><joint name=\"g\" type=\"fixed\"><parent link=\"l{joints}\"/>\
+         <child link=\"held\"/><origin xyz=\"0 0 {}\" rpy=\"{}\"/></joint></robot>",
+        chance.between(-0.1, 0.15),
+        three(chance, -3.1, 3.1)
+    )
+    .unwrap();
+    urdf
+}
+
+/// What became of the insertion with the arm that `make` makes of `seed`, its file in `folder`.
+fn verdict_on(
+    make: fn(u32) -> String,
+    seed: u32,
+    folder: &Path,
+) -> Result<(Ended, Option<f64>), String> {
     let file = folder.join(format!("{seed}.urdf"));
-    std::fs::write(&file, random_arm(seed)).unwrap();
+    std::fs::write(&file, make(seed)).unwrap();
     let kind = if seed.is_multiple_of(2) {
         "aligned"
     } else {
@@ -176,16 +228,17 @@ fn verdict_on(seed: u32, folder: &Path) -> Result<(Ended, Option<f64>), String> 
     let mut config = insertion(Some(&file), kind, 1 + seed);
     config.arm.tip_link = "held".to_owned();
     let chain = rig::chain(&config).unwrap();
-    if let Err(misfit) = rig::check_chain(&chain) {
-        // The remedy of a holder off the axis is a tool that fits.
+    if let Err(misfit @ Misfit::OffAxis { .. }) = rig::check_chain(&chain) {
+        // The remedy is a tool that fits.
         let tool = chain.tool_on_last_axis().unwrap();
-        let travel = rig::check_chain(&chain.with_tool(&tool));
-        let text = format!("{misfit} {travel:?}");
+        let (roll, pitch, yaw) = tool.rotation.euler_angles();
+        config.arm.tip_rpy_deg = [roll, pitch, yaw].map(f64::to_degrees);
+        config.arm.tip_mm = (tool.translation.vector * 1e3).into();
+        let mended = rig::check_chain(&rig::chain(&config).unwrap());
         assert!(
-            travel.is_ok() || text.contains("deg that steering"),
-            "{text}"
+            !matches!(mended, Err(Misfit::OffAxis { .. })),
+            "{misfit} {mended:?}"
         );
-        return Err(misfit.to_string());
     }
     let config = rig::placed(&config).map_err(|e| e.to_string())?;
     let summary = simulate(&config).unwrap();
@@ -196,13 +249,14 @@ fn verdict_on(seed: u32, folder: &Path) -> Result<(Ended, Option<f64>), String> 
     Ok((summary.ended, summary.true_error_mm))
 }
 
-/// Random arms `seeds`: an insertion passes, or is refused before it moves.
-fn pass_or_are_refused(seeds: std::ops::Range<u32>) {
-    let name = format!("random-arms-{}-{}", seeds.start, std::process::id());
+/// Arms that `make` makes of `seeds`: an insertion passes, or is refused before it moves; `share`
+/// of them at least pass.
+fn pass_or_are_refused(make: fn(u32) -> String, seeds: std::ops::Range<u32>, share: f64) {
+    let name = format!("random-arms-{}-{}-{share}", seeds.start, std::process::id());
     let folder = std::env::temp_dir().join(name);
     std::fs::create_dir_all(&folder).unwrap();
     let seeds: Vec<u32> = seeds.collect();
-    let verdicts = in_parallel(&seeds, 2, |seed| verdict_on(*seed, &folder));
+    let verdicts = in_parallel(&seeds, 2, |seed| verdict_on(make, *seed, &folder));
     std::fs::remove_dir_all(&folder).unwrap();
     let mut passed = 0;
     let mut wrong = Vec::new();
@@ -214,16 +268,25 @@ fn pass_or_are_refused(seeds: std::ops::Range<u32>) {
         }
     }
     assert!(wrong.is_empty(), "{wrong:?}");
-    assert!(5 * passed >= 2 * seeds.len(), "{passed}: {verdicts:?}");
+    println!("{passed} of {} passed", seeds.len());
+    let least = share * seeds.len() as f64;
+    assert!(f64::from(passed) >= least, "{passed}: {verdicts:?}");
 }
 
 #[test]
 fn whatever_the_arm_an_insertion_passes_or_is_refused_before_it_moves() {
-    pass_or_are_refused(0..24);
+    pass_or_are_refused(random_arm, 0..24, 0.7);
+    pass_or_are_refused(any_arm, 0..16, 0.5);
 }
 
 #[test]
 #[ignore = "a campaign of minutes"]
 fn two_hundred_more_arms_pass_or_are_refused() {
-    pass_or_are_refused(1000..1200);
+    pass_or_are_refused(random_arm, 1000..1200, 0.7);
+}
+
+#[test]
+#[ignore = "a campaign of minutes"]
+fn two_hundred_more_arms_of_no_kind_pass_or_are_refused() {
+    pass_or_are_refused(any_arm, 1000..1200, 0.5);
 }
