@@ -153,7 +153,7 @@ fn a_holder_off_the_axis_is_refused_with_the_tool_that_mends_it() {
         assert!(!refused.status.success());
         let text = stderr(&refused);
         assert!(
-            text.contains("z of tool0 is 5.0 degrees off the axis of joint_6"),
+            text.contains("askew.urdf: z of tool0 is 5.0 degrees off the axis of joint_6"),
             "{text}"
         );
         assert!(text.contains("arm.tip_rpy_deg = [0.0, 5.0, 0.0]"), "{text}");
@@ -205,5 +205,37 @@ fn check_says_what_a_device_can_do() {
         let there = [more[0], more[1], &mm, &deg];
         let checked = stdout(&with_arm(&["check"], &file, &there));
         assert!(checked.ends_with(can), "{device}: {checked}");
+    }
+}
+
+/// Series, log and report of devices whose joints slide.
+#[test]
+fn a_device_inserts_and_its_report_shows_it() {
+    for (device, kind) in [("stage", "shifted"), ("insertion_spin", "aligned")] {
+        let root = env!("CARGO_MANIFEST_DIR");
+        let file = format!("{root}/../robots/urdf/{device}.urdf");
+        let kind = format!("target.kind={kind}");
+        let more = [
+            "arm.tip_link=needle_base",
+            "arm.mechanism=true",
+            kind.as_str(),
+        ];
+        let text = stdout(&with_arm(&["check", "--suggest"], &file, &more));
+        let place: toml::Table = text.parse().unwrap();
+        let set = |key: &str| format!("arm.{key}={}", place["arm"][key]);
+        let (mm, deg) = (set("base_mm"), set("base_rpy_deg"));
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("report-{device}"));
+        let _ = std::fs::remove_dir_all(&folder);
+        let there = [more[0], more[1], more[2], &mm, &deg];
+        let out = ["run", "--json", "--out", folder.to_str().unwrap()];
+        let text = stdout(&with_arm(&out, &file, &there));
+        let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(summary["ended"], "target passed", "{text}");
+        let log = folder.join("run.mcap");
+        stdout(&needle_steer(&["report", log.to_str().unwrap()]));
+        let page = std::fs::read_to_string(folder.join("run.html")).unwrap();
+        assert!(page.contains("target passed"), "{device}");
+        let replayed = stdout(&needle_steer(&["replay", log.to_str().unwrap()]));
+        assert!(replayed.contains("0 with other commands"), "{replayed}");
     }
 }

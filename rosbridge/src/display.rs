@@ -38,10 +38,20 @@ pub(crate) fn edge<A: Frame, B: Frame>(
     a_from_b: &Transform<A, B>,
     stamp: Stamp,
 ) -> geometry_msgs::TransformStamped {
+    link(A::NAME, B::NAME, a_from_b.isometry(), stamp)
+}
+
+/// One transform of the tree between links of any names.
+pub(crate) fn link(
+    parent: &str,
+    child: &str,
+    parent_from_child: &Isometry3<f64>,
+    stamp: Stamp,
+) -> geometry_msgs::TransformStamped {
     geometry_msgs::TransformStamped {
-        header: convert::header(stamp, A::NAME, 0),
-        child_frame_id: B::NAME.to_owned(),
-        transform: convert::transform(a_from_b.isometry()),
+        header: convert::header(stamp, parent, 0),
+        child_frame_id: child.to_owned(),
+        transform: convert::transform(parent_from_child),
     }
 }
 

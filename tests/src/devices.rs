@@ -24,7 +24,7 @@ fn unplaced(device: &str, more: &[&str]) -> Config {
 }
 
 /// The same where it can insert.
-fn placed(device: &str, more: &[&str]) -> Config {
+pub(crate) fn placed(device: &str, more: &[&str]) -> Config {
     rig::placed(&unplaced(device, more)).unwrap()
 }
 
@@ -100,7 +100,7 @@ fn a_stage_that_is_too_short_is_refused_in_millimetres() {
 }
 
 /// A thick needle through a guide in a stiff gel, as docs/REAL_NEEDLES.md has it.
-fn through_a_guide(more: &[&str]) -> Config {
+pub(crate) fn through_a_guide(more: &[&str]) -> Config {
     let mut settings = vec![
         "run.phantom=gel-guide",
         "needle.support=\"guide\"",

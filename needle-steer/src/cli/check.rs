@@ -29,7 +29,7 @@ pub(super) fn execute(args: &CheckArgs) -> anyhow::Result<ExitCode> {
     let chain = rig::chain(&config).map_err(|e| Usage(e.to_string()))?;
     let mut out = std::io::stdout().lock();
     if args.suggest {
-        rig::check_chain(&chain).map_err(|e| Usage(e.to_string()))?;
+        rig::check_arm(&config, &chain).map_err(|e| Usage(e.to_string()))?;
         return suggest(&config, &chain, &mut out);
     }
     let start =

@@ -41,7 +41,8 @@ pub use devices::{Pace, PlantMaker};
 pub use eyes::{Eyes, Sighting};
 pub use fit::{Course, Demand, Misfit, check_chain, follow};
 pub use marker::MarkerEyes;
-pub use start::{Start, arm_place, assumed_speeds, bearings, chain, description, start};
+pub(crate) use start::tool;
+pub use start::{Start, arm_place, assumed_speeds, bearings, chain, check_arm, description, start};
 pub use suggest::{Place as Suggestion, placed, suggest};
 pub(crate) use tool::PlacedTool;
 use tool::check_start;
@@ -81,6 +82,14 @@ pub enum RigBuildError {
     /// The arm cannot carry out the insertion.
     #[error(transparent)]
     Misfit(#[from] Misfit),
+    /// The arm of this URDF cannot carry out any insertion.
+    #[error("{}: {misfit}", file.display())]
+    Arm {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        misfit: Box<Misfit>,
+    },
     /// The needle cannot go through its guide.
     #[error(transparent)]
     Guide(#[from] GuideMisfit),

@@ -86,24 +86,22 @@ fn as_in_file(config: &Config) -> Result<Chain, RigBuildError> {
         Chain::from_section(&bytes, &section)
             .map_err(|error| RigBuildError::Urdf(error.in_file(&file)))?
     };
-    Ok(match tool(config) {
-        Some(tip_from_tool) => chain.with_tool(&tip_from_tool),
-        None => chain,
+    let tip_from_tool = tool(config);
+    Ok(if tip_from_tool == Isometry3::identity() {
+        chain
+    } else {
+        chain.with_tool(&tip_from_tool)
     })
 }
 
-/// The needle's base in the tip link, where it is not that link.
-fn tool(config: &Config) -> Option<Isometry3<f64>> {
-    let (place, turn) = (config.arm.tip_mm, config.arm.tip_rpy_deg);
-    if place.iter().chain(&turn).all(|x| *x == 0.0) {
-        return None;
-    }
-    let [x, y, z] = place.map(|v| v * 1e-3);
-    let [roll, pitch, yaw] = turn.map(f64::to_radians);
-    Some(Isometry3::from_parts(
+/// The needle's base in the tip link.
+pub(crate) fn tool(config: &Config) -> Isometry3<f64> {
+    let [x, y, z] = config.arm.tip_mm.map(|v| v * 1e-3);
+    let [roll, pitch, yaw] = config.arm.tip_rpy_deg.map(f64::to_radians);
+    Isometry3::from_parts(
         Translation3::new(x, y, z),
         UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-    ))
+    )
 }
 
 /// Where things stand for a controller on `config`, with the stereo frame as registered.
@@ -119,6 +117,22 @@ pub fn bearings(
         world_from_arm_base: arm_place(config),
         world_from_left_camera,
         cameras: None,
+    })
+}
+
+/// What does not depend on where the arm stands, with the file that it is about.
+///
+/// # Errors
+/// The arm cannot insert anywhere.
+pub fn check_arm(config: &Config, chain: &Chain) -> Result<(), RigBuildError> {
+    fit::check_chain(chain).map_err(|misfit| {
+        if config.arm.urdf.is_empty() {
+            misfit.into()
+        } else {
+            let file = PathBuf::from(&config.arm.urdf);
+            let misfit = Box::new(misfit);
+            RigBuildError::Arm { file, misfit }
+        }
     })
 }
 
@@ -154,7 +168,7 @@ pub fn start(
     chain: &Chain,
     world_from_arm_base: &Transform<World, ArmBase>,
 ) -> Result<Start, RigBuildError> {
-    fit::check_chain(chain)?;
+    check_arm(config, chain)?;
     if device::is_device(chain) {
         return device::start(config, chain, world_from_arm_base);
     }

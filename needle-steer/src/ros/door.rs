@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
+use hal::frame::{ArmBase, Frame, NeedleBase, World};
 use hal::request::Request;
 use hal::{ArmState, Overlay, StereoFrame, Telemetry};
-use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Frames, Rates};
+use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Described, Frames, Rates};
 use rosbridge::{Node, NodeError};
 use vision::StereoRig;
 use vision::camera::Camera;
@@ -13,6 +14,7 @@ use super::Link;
 use crate::config::{Backend, Config};
 use crate::cycle::Bearings;
 use crate::remote::Interface;
+use crate::rig;
 
 /// A run's topics and services.
 #[derive(Debug)]
@@ -36,7 +38,10 @@ impl Door {
         let options = BridgeOptions {
             joint_names: bearings.chain.names().to_vec(),
             joint_states: config.run.backend != Backend::Ros,
-            frames: frames(bearings),
+            frames: Frames {
+                described: described(config, bearings),
+                ..frames(bearings)
+            },
             cameras: bearings.cameras.as_ref().map(camera_models),
             rates: Rates {
                 joint_states_hz: config.ros.joint_states_hz,
@@ -89,13 +94,25 @@ impl Interface for Door {
 pub(crate) fn frames(bearings: &Bearings) -> Frames {
     Frames {
         world_from_arm_base: bearings.world_from_arm_base,
-        // The robot's description has it.
-        flange_from_needle_base: None,
+        described: Described::default(),
         world_from_left_camera: bearings.world_from_left_camera,
         left_from_right: bearings
             .cameras
             .as_ref()
             .map(|pair| pair.right_from_left.inverse()),
+    }
+}
+
+/// What joins the arm's description to our frames. A root that is called as World stands there, and
+/// an arm that begins below the root is where the description has it.
+fn described(config: &Config, bearings: &Bearings) -> Described {
+    let chain = &bearings.chain;
+    let known = [ArmBase::NAME, World::NAME];
+    let is_root = config.arm.base_link.is_empty() && !known.contains(&chain.base());
+    let holds = chain.tip() != NeedleBase::NAME;
+    Described {
+        base: is_root.then(|| chain.base().to_owned()),
+        holder: holds.then(|| (chain.tip().to_owned(), rig::tool(config))),
     }
 }
 

@@ -4,6 +4,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use needle_steer::{config, rig};
+
 use crate::master::{Master, Running, wait_until};
 use crate::picture::{Picture, Screen, shows_the_scene};
 use crate::{BINARY, among_others, call, nodes, phase};
@@ -53,7 +55,7 @@ fn wait_for_node(master: &Master) {
 }
 
 /// From the robot's description and joint_states, through robot_state_publisher.
-fn check_frames(master: &Master) {
+fn check_frames(master: &Master, expected: &[&str]) {
     let script = "import rospy\nfrom tf2_msgs.msg import TFMessage\n\
         rospy.init_node('frames', disable_signals=True)\nseen = set()\n\
         def take(m): seen.update(t.header.frame_id + '>' + t.child_frame_id for t in m.transforms)\n\
@@ -61,15 +63,9 @@ fn check_frames(master: &Master) {
         b = rospy.Subscriber('/tf_static', TFMessage, take)\n\
         rospy.rostime.wallsleep(3)\nprint('\\n'.join(sorted(seen)))\n";
     let frames = master.output(20, "python3", &["-c", script]);
-    for edge in [
-        "world>base_link",
-        "world>left_camera_optical_frame",
-        "link_5>link_6",
-        "tool0>needle_base",
-        "needle_base>needle_tip",
-    ] {
+    for edge in expected {
         assert!(
-            frames.lines().any(|line| line == edge),
+            frames.lines().any(|line| line == *edge),
             "{edge} is missing: {frames}"
         );
     }
@@ -139,7 +135,14 @@ fn sim_launch_runs_the_default_insertion_to_its_target() {
     wait_for_node(&master);
     let (paused, answer) = call(&master, "/needle_steer/pause");
     assert!(paused, "{answer}");
-    check_frames(&master);
+    let viper = [
+        "world>base_link",
+        "world>left_camera_optical_frame",
+        "link_5>link_6",
+        "tool0>needle_base",
+        "needle_base>needle_tip",
+    ];
+    check_frames(&master, &viper);
     let (on, answer) = call(&master, "/needle_steer/start");
     assert!(on, "{answer}");
     let inserting = wait_until(Duration::from_secs(40), || {
@@ -217,4 +220,54 @@ fn viper_launch_inserts_with_the_emulated_controller() {
     drop(launch);
     let left = nodes(&master);
     assert!(!left.contains("/needle_steer"), "{left}");
+}
+
+/// A device of fewer joints and an arm of another maker: their own descriptions join our frames at
+/// both ends.
+#[test]
+fn sim_launch_shows_the_arm_that_the_configuration_names() {
+    let Some(master) = Master::start() else {
+        return;
+    };
+    let _others = among_others();
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots");
+    for (urdf, keys, edges) in [
+        (
+            format!("{root}/urdf/stage.urdf"),
+            ["arm.tip_link=needle_base", "arm.mechanism=true"],
+            ["base_link>stage_base", "slide>needle_base"],
+        ),
+        (
+            format!("{root}/tests/data/arms/kuka_iiwa7.urdf"),
+            ["arm.tip_link=tool0", "arm.tip_mm=[0.0,0.0,20.0]"],
+            ["world>base_link", "tool0>needle_base"],
+        ),
+    ] {
+        let mut overrides = vec![format!("arm.urdf={urdf:?}"), "run.sensor=shape".to_owned()];
+        overrides.extend(keys.map(str::to_owned));
+        let config = rig::placed(&config::load(None, &overrides).unwrap()).unwrap();
+        std::fs::write(
+            master.home().join("own.toml"),
+            toml::to_string(&config).unwrap(),
+        )
+        .unwrap();
+        let own = format!("urdf:={urdf}");
+        let arguments = [
+            "needle_steer",
+            "sim.launch",
+            "rviz:=false",
+            "config:=own.toml",
+            &own,
+        ];
+        let launch = Launch::start(&master, &arguments, None);
+        wait_for_node(&master);
+        let inserting = wait_until(Duration::from_secs(40), || {
+            phase(&master).contains("Steering")
+        });
+        assert!(inserting, "{}", phase(&master));
+        check_frames(&master, &[&edges[..], &["needle_base>needle_tip"]].concat());
+        drop(launch);
+        let left = nodes(&master);
+        assert!(!left.contains("/needle_steer"), "{left}");
+    }
 }

@@ -29,9 +29,10 @@ mod requests;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 
-use hal::frame::{ArmBase, Flange, LeftCamera, NeedleBase, RightCamera, World};
+use hal::frame::{ArmBase, LeftCamera, RightCamera, World};
 use hal::request::Request;
 use hal::{ArmState, Overlay, StereoFrame, Telemetry, Transform};
+use nalgebra::Isometry3;
 
 use crate::aside::Aside;
 use crate::{Node, NodeError};
@@ -50,12 +51,22 @@ const QUEUE: usize = 64;
 pub struct Frames {
     /// The arm's base.
     pub world_from_arm_base: Transform<World, ArmBase>,
-    /// The needle's holder, where the robot's description does not have it.
-    pub flange_from_needle_base: Option<Transform<Flange, NeedleBase>>,
+    /// What joins the robot's description to these frames.
+    pub described: Described,
     /// The left camera, as registered.
     pub world_from_left_camera: Transform<World, LeftCamera>,
     /// The right camera, as calibrated.
     pub left_from_right: Option<Transform<LeftCamera, RightCamera>>,
+}
+
+/// What a robot's description calls the arm's base and the link that holds the needle, where it calls
+/// them otherwise than these frames are called.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Described {
+    /// Its root, which is the arm's base.
+    pub base: Option<String>,
+    /// The link that holds the needle, and the needle's base in it.
+    pub holder: Option<(String, Isometry3<f64>)>,
 }
 
 /// What a bridge shows.

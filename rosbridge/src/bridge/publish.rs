@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use hal::frame::{Frame, LeftCamera, World};
+use hal::frame::{ArmBase, Frame, LeftCamera, NeedleBase, World};
 use hal::{ArmMode, ArmState, Joints, Overlay, Stamp, Telemetry};
+use nalgebra::Isometry3;
 
 use super::cameras::CameraOutlet;
 use super::{BridgeOptions, Frames, Item, Rates, diagnostics};
@@ -323,11 +324,16 @@ pub(crate) fn still(frames: &Frames, stamp: Stamp) -> tf2_msgs::TFMessage {
         display::edge::<World, _>(&frames.world_from_arm_base, stamp),
         display::edge(&frames.world_from_left_camera, stamp),
     ];
+    let described = &frames.described;
+    edges.extend(described.base.iter().map(|root| {
+        let same = Isometry3::identity();
+        display::link(ArmBase::NAME, root, &same, stamp)
+    }));
     edges.extend(
-        frames
-            .flange_from_needle_base
+        described
+            .holder
             .iter()
-            .map(|holder| display::edge(holder, stamp)),
+            .map(|(link, needle)| display::link(link, NeedleBase::NAME, needle, stamp)),
     );
     edges.extend(
         frames

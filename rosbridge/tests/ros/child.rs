@@ -11,7 +11,7 @@ use hal::{
     Twist,
 };
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Frames, Rates};
+use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Described, Frames, Rates};
 use rosbridge::{Node, NodeError, NodeOptions, TimeBase};
 
 use crate::master::{Master, Running};
@@ -126,7 +126,7 @@ fn world_from_left_camera() -> Isometry3<f64> {
 fn frames() -> Frames {
     Frames {
         world_from_arm_base: Transform::identity(),
-        flange_from_needle_base: None,
+        described: Described::default(),
         world_from_left_camera: Transform::assume(world_from_left_camera()),
         left_from_right: None,
     }

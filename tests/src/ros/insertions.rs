@@ -7,12 +7,13 @@ use hal::telemetry::Telemetry;
 use hal::{Joints, Stamp};
 use needle_steer::config::{Backend, Config, RosClock, SensorKind};
 use needle_steer::controls::Controls;
-use needle_steer::outcome::Summary;
+use needle_steer::outcome::{Ended, Summary};
 use needle_steer::rig::Rig;
 use needle_steer::ros::{Link, emulate};
 use needle_steer::run::{Observer, run};
 
 use super::is_parent_of;
+use crate::devices::{placed, through_a_guide};
 
 /// Joint positions and commanded rates of every law step.
 #[derive(Default)]
@@ -97,5 +98,27 @@ fn ten_insertions_over_ros_are_those_of_one_process() {
         );
         assert!((a - b).abs() < 0.02, "seed {seed}: {a} mm, {b} mm");
         assert!(worst <= 1.0, "seed {seed}: {worst} roundings");
+    }
+}
+
+/// Joints that slide are on the topics what they are in one process.
+#[test]
+fn devices_insert_over_ros_as_in_one_process() {
+    if is_parent_of("ros::insertions::devices_insert_over_ros_as_in_one_process") {
+        return;
+    }
+    for config in [
+        placed("stage", &["target.kind=shifted"]),
+        placed("insertion_spin", &["target.kind=aligned"]),
+        through_a_guide(&["target.kind=aligned"]),
+    ] {
+        let device = &config.arm.urdf;
+        let (here, _) = in_process(&config);
+        let (there, _) = over_ros(&config);
+        assert_eq!(here.ended, Ended::TargetPassed, "{device}");
+        assert_eq!(there.ended, Ended::TargetPassed, "{device}");
+        let (a, b) = (here.true_error_mm.unwrap(), there.true_error_mm.unwrap());
+        println!("{device}: {a:.6} mm, {b:.6} mm over ROS");
+        assert!((a - b).abs() < 0.02, "{device}: {a} mm, {b} mm");
     }
 }
