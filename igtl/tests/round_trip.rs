@@ -336,3 +336,31 @@ fn what_has_no_room_is_refused() {
         assert_eq!(found, field);
     }
 }
+
+/// What pyigtl sent in one session, recorded (`tests/peers/pyigtl_session.py`).
+#[test]
+fn a_recorded_session_replays_whatever_the_pieces_and_is_written_again_bit_by_bit() {
+    let session = include_bytes!("samples/pyigtl.igtl");
+    let mut expected = vec!["STRING", "TRANSFORM", "POINT", "STRING"];
+    expected.extend(["TRANSFORM"; 20]);
+    expected.extend(["IMAGE", "POLYDATA", "STRING"]);
+    for piece in [1, 7, 58, 1000, session.len()] {
+        let (messages, reader) = read(session, piece, 64 << 10);
+        assert_eq!(reader.end(), None);
+        let messages: Vec<Message> = messages.into_iter().map(Result::unwrap).collect();
+        let kinds: Vec<&str> = messages.iter().map(|message| message.body.kind()).collect();
+        assert_eq!(kinds, expected, "{piece}");
+        let again: Vec<u8> = messages
+            .iter()
+            .flat_map(|message| message.encode().unwrap())
+            .collect();
+        assert!(again == session, "{piece}");
+        let stamps: Vec<u64> = messages.iter().map(|m| m.stamp.as_nanos()).collect();
+        assert!(stamps.windows(2).all(|two| two[1] - two[0] > 24_000_000));
+        let Body::Transform(last) = &messages[23].body else {
+            panic!("{:?}", messages[23]);
+        };
+        assert!((last.origin[1] + 0.5).abs() < 1e-6, "{last:?}");
+        assert_eq!(messages[23].device, "NeedleTipToTracker");
+    }
+}

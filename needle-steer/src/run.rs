@@ -161,7 +161,7 @@ impl<'a> Insertion<'a> {
         self.rig.check_start(&self.first)?;
         self.attach_marker(config);
         self.rig.await_marker(config)?;
-        self.rig.await_sight()?;
+        self.rig.await_sight(controls)?;
         let ended = self.conduct(config, observer, controls)?;
         controls.refuse_aims();
         let ended = match ended {

@@ -5,9 +5,12 @@ use core::time::Duration;
 use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame};
 
 use super::{Rig, RigBuildError, TICK};
+use crate::controls::Controls;
 
-/// Longest wait for the first sight of the needle.
-const FIRST_SIGHT: Duration = Duration::from_secs(2);
+/// Longest wait for the first pair of images.
+const FIRST_PAIR: Duration = Duration::from_secs(2);
+/// Longest wait for the first measurement of a tracker: its program may yet have to connect.
+const FIRST_TIP: Duration = Duration::from_secs(10);
 
 /// What sees the needle.
 pub enum Eyes {
@@ -101,10 +104,14 @@ impl Rig {
     ///
     /// # Errors
     /// It is not, and why.
-    pub(crate) fn await_sight(&mut self) -> Result<(), RigBuildError> {
-        let patience = self.clock.now() + FIRST_SIGHT;
+    pub(crate) fn await_sight(&mut self, controls: &Controls) -> Result<(), RigBuildError> {
+        let patience = match self.eyes {
+            Eyes::Shape(_) => FIRST_TIP,
+            Eyes::Cameras(_) => FIRST_PAIR,
+        };
+        let patience = self.clock.now() + patience;
         while let Some(blind) = self.blind() {
-            if self.clock.now() > patience {
+            if self.clock.now() > patience || controls.is_stopped() {
                 return Err(blind);
             }
             let next = self.clock.now() + TICK;
