@@ -57,7 +57,7 @@ pub(crate) struct Guided {
     /// Length of needle beyond it \[m\].
     pub(crate) length: f64,
     /// From the base to the exit \[m\].
-    pub(crate) before: f64,
+    before: f64,
 }
 
 impl Guide {

@@ -14,7 +14,6 @@ use crate::config::Config;
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
 use crate::holds::Holds;
-use crate::monitor::feed::Feed;
 use crate::monitor::{Freshness, Monitor};
 pub use crate::observer::{Both, Observer, Unobserved};
 use crate::outcome::{Cause, Ended, Events, Summary};
@@ -205,7 +204,7 @@ impl<'a> Insertion<'a> {
             .as_ref()
             .map_or(PRE_INSERTION, |world| world.pre_insertion());
         Self {
-            monitor: Monitor::new(Feed::of(config)),
+            monitor: Monitor::default(),
             freshness: Freshness::new(bounds.image_age),
             passing: Passing::default(),
             supervisor: Supervisor::new(bounds, rig.clock.now()),

@@ -121,15 +121,13 @@ fn sticky_tissue_stops_the_base_within_three_millimetres_of_the_tip() {
             }
         }
     }
+    // A base that goes on straight, whatever the shaft does.
     let (seed, friction) = ("run.seed=770001", "phantom.friction.shaft_n_m=100.0");
-    // The shaft leaves its path and its tip is held, at nearly the same time: both are true.
-    let torn = insert(&[seed, friction]);
-    assert!(
-        matches!(torn.cause, Some(Cause::Tear | Cause::Stall)),
-        "{torn:?}"
-    );
+    let torn = insert(&[seed, friction, "run.law=none"]);
+    assert_eq!(torn.cause, Some(Cause::Tear), "{torn:?}");
     assert!(torn.spoilt && !torn.hit, "{torn:?}");
-    let stalled = insert(&[seed, friction, "supervisor.tissue_stretch_mm=20.0"]);
+    let unbounded = "supervisor.tissue_stretch_mm=20.0";
+    let stalled = insert(&[seed, friction, "run.law=none", unbounded]);
     assert_eq!(stalled.cause, Some(Cause::Stall), "{stalled:?}");
     assert!(stalled.spoilt && !stalled.hit, "{stalled:?}");
     let kinds: Vec<_> = stalled.events.iter().map(|event| event.kind).collect();
@@ -144,13 +142,14 @@ fn a_base_that_goes_far_aside_is_no_stall() {
     for angle in ["0.0", "135.0", "270.0"] {
         let angle = format!("target.angle_deg={angle}");
         let summary = insert(&["run.seed=101", "target.offset_mm=20.0", &angle]);
-        assert!(summary.hit, "{angle}: {summary:?}");
+        assert!(summary.ended.is_success(), "{angle}: {summary:?}");
     }
 }
 
 #[test]
 fn nothing_is_passed_that_no_measurement_saw_passed() {
-    // A bevel eight millimetres long: the estimate passes a target 30 mm ahead of the tip.
+    // A bevel eight millimetres long, of which the needle has one and a half: where the estimate has passed
+    // the target, the tip may be 30 mm before it.
     let summary = insert(&[
         "run.seed=1",
         "target.depth_mm=30.0",
@@ -158,7 +157,10 @@ fn nothing_is_passed_that_no_measurement_saw_passed() {
         "needle.bevel_deg=5.0",
         "phantom.needle.bevel_deg=24.0",
     ]);
-    assert!(!summary.ended.is_success() && !summary.hit, "{summary:?}");
+    let truly = summary
+        .axial_error_mm
+        .is_some_and(|ahead| ahead.abs() < 1.0);
+    assert!(!summary.ended.is_success() || truly, "{summary:?}");
 }
 
 #[test]

@@ -7,7 +7,6 @@
 //! ([`plausibility`]).
 
 pub mod advance;
-pub mod feed;
 pub mod freshness;
 pub mod plausibility;
 pub mod sideways;
@@ -19,7 +18,6 @@ use hal::{SensedTip, Stamp, Transform};
 use nalgebra::Isometry3;
 
 pub use advance::Advance;
-use feed::Feed;
 pub use freshness::{Freshness, Stale};
 pub use sideways::Sideways;
 pub use stall::{Stall, Stalled};
@@ -30,29 +28,16 @@ pub use trace::Trace;
 const BLIND: (f64, f64) = (0.6e-3, 1.0e-3);
 
 /// Watches one insertion.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Monitor {
     advance: Advance,
-    feed: Feed,
-    /// By the needle that the base feeds, and by its advance.
-    stalls: [Stall; 2],
+    stall: Stall,
     sideways: Sideways,
     /// The base's advance at the newest measurement of the tip.
     measured_at: Option<f64>,
 }
 
 impl Monitor {
-    /// A monitor of an insertion whose base feeds needle as `feed` says.
-    pub fn new(feed: Feed) -> Self {
-        Self {
-            advance: Advance::default(),
-            feed,
-            stalls: [Stall::new(stall::FED), Stall::new(stall::ADVANCED)],
-            sideways: Sideways::default(),
-            measured_at: None,
-        }
-    }
-
     /// Takes in the base as the encoders say.
     pub fn base(&mut self, stamp: Stamp, world_from_base: &Isometry3<f64>) {
         self.advance.push(stamp, world_from_base);
@@ -72,22 +57,19 @@ impl Monitor {
         self.measured_at = Some(advance);
         let place = *world_from_left_camera * tip.position;
         let axis = world_from_left_camera.rotate_direction(&tip.direction);
-        let fed = -self.feed.outside(world_from_base);
-        for (stall, base) in self.stalls.iter_mut().zip([fed, advance]) {
-            stall.observe(exposed, base, place.point(), &axis);
-        }
+        self.stall.observe(exposed, advance, place.point(), &axis);
         self.sideways
             .observe(exposed, world_from_base, place.point(), &axis);
     }
 
     /// Forgets what is behind: after a pause or a retraction.
     pub fn begin_anew(&mut self) {
-        self.stalls.iter_mut().for_each(Stall::begin_anew);
+        self.stall = Stall::default();
     }
 
     /// The tip stays behind the base.
     pub fn stalled(&self) -> Option<Stalled> {
-        self.stalls.iter().find_map(Stall::finding)
+        self.stall.finding()
     }
 
     /// The largest way of the tip within the last breath that only moving tissue explains \[m\].

@@ -55,6 +55,9 @@ impl Insertion<'_> {
             Answer::Disagree(ahead_m) => {
                 return Some(Ended::Stopped(StopReason::Disagreement { ahead_m }));
             }
+            Answer::Carried(by_m) => {
+                return Some(Ended::Stopped(StopReason::TissueMotion { by_m }));
+            }
             Answer::Apart(off_m) => return Some(Ended::Stopped(StopReason::TipApart { off_m })),
         }
         if let Some(shortfall) = self.reach.update(now, ahead, &telemetry.law) {
