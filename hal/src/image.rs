@@ -74,6 +74,42 @@ impl GrayImage {
         &mut self.pixels
     }
 
+    /// Grey values where this is a colour mosaic (Bayer): the weights 1 2 1 across and down hold each
+    /// colour of a square of two by two in its share, whichever of them is in the middle. No place is
+    /// shifted by it, and the order of the colours does not matter.
+    #[must_use]
+    pub fn demosaiced(&self) -> Self {
+        // Mirrored at the border, so that the colours alternate there too.
+        let around = |i: usize, n: usize| {
+            let before = if i == 0 { 1.min(n - 1) } else { i - 1 };
+            let after = if i + 1 == n {
+                n.saturating_sub(2)
+            } else {
+                i + 1
+            };
+            [before, i, after]
+        };
+        let mut grey = Vec::with_capacity(self.pixels.len());
+        for y in 0..self.height {
+            let rows = around(y, self.height).map(|y| self.row(y));
+            for x in 0..self.width {
+                let columns = around(x, self.width);
+                let mut sum = 0_u32;
+                for (row, across) in rows.iter().zip([1, 2, 1]) {
+                    for (column, along) in columns.iter().zip([1, 2, 1]) {
+                        sum += across * along * u32::from(row[*column]);
+                    }
+                }
+                grey.push(u8::try_from(sum >> 4).unwrap_or(u8::MAX));
+            }
+        }
+        Self {
+            width: self.width,
+            height: self.height,
+            pixels: grey,
+        }
+    }
+
     /// Pixels of row `y`.
     pub fn row(&self, y: usize) -> &[u8] {
         &self.pixels[y * self.width..(y + 1) * self.width]

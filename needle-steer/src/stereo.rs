@@ -12,7 +12,9 @@ use vision::calibrate::{
 };
 use vision::camera::{Camera, LensModel};
 use vision::detect::{BoardKind, RefineOptions};
-use vision::files::{StereoFile, camchain, camera_info, read_images, stereo_yml, write_all};
+use vision::files::{
+    Pixels, StereoFile, camchain, camera_info, read_images, stereo_yml, write_all,
+};
 use vision::report::calibration_report;
 
 /// Names of the lens models.
@@ -31,6 +33,8 @@ pub struct Request {
     pub square_mm: f64,
     /// Model of both lenses, of [`LENSES`].
     pub lens: String,
+    /// What the images' pixels are.
+    pub pixels: Pixels,
 }
 
 /// A request that gives no calibration.
@@ -70,7 +74,7 @@ pub fn calibrate(request: &Request) -> Result<StereoCalibration, StereoError> {
             names_right.len()
         )));
     }
-    let read = |files: &[PathBuf]| read_images(files).map_err(|e| wrong(&e));
+    let read = |files: &[PathBuf]| read_images(files, request.pixels).map_err(|e| wrong(&e));
     let (left, right) = (read(names_left)?, read(names_right)?);
     let sizes = [&left, &right].map(|images| {
         let first = images.first();

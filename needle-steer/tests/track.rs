@@ -242,6 +242,46 @@ fn a_flat_tip_is_found_and_followed_with_and_without_start_points() {
     );
 }
 
+/// What red, green and blue pixels see of a grey scene, in a square that begins with red.
+const COLOURS: [[f64; 2]; 2] = [[0.55, 1.0], [1.0, 0.4]];
+
+#[test]
+fn raw_images_of_a_colour_camera_are_tracked_where_they_are_said_to_be_raw() {
+    let film = Film::new("track-raw", 89.9_f64.to_radians(), 0..0);
+    let raw = |files: &[String]| -> Vec<String> {
+        let first = files.iter().take(6);
+        first
+            .map(|file| {
+                let mut picture = image::open(file).unwrap().to_luma8();
+                for (x, y, pixel) in picture.enumerate_pixels_mut() {
+                    let share = COLOURS[(y % 2) as usize][(x % 2) as usize];
+                    pixel.0[0] = (f64::from(pixel.0[0]) * share).round() as u8;
+                }
+                let path = file.replace(".png", "-raw.png");
+                picture.save(&path).unwrap();
+                path
+            })
+            .collect()
+    };
+    let (left, right) = (raw(&film.left), raw(&film.right));
+    let output = film.track_files(&left, &right, "raw.jsonl", &["--bayer", "rggb"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let (worst, tracked) = film.error(&film.lines("raw.jsonl"));
+    println!("raw images: {worst:.2e} m, {tracked} tracked");
+    assert!(tracked == 6 && worst <= TIP, "{tracked}, {worst:.2e} m");
+    let colours = film.path("colours.png");
+    let picture = image::open(&left[0]).unwrap().to_rgb8();
+    picture.save(&colours).unwrap();
+    let one = [colours];
+    let output = film.track_files(&one, &right[..1], "no.jsonl", &["--bayer"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        stderr(&output).contains("colours.png: an image in colours"),
+        "{}",
+        stderr(&output)
+    );
+}
+
 #[test]
 fn a_bevel_is_followed_through_blank_frames() {
     let film = Film::new("track-bevel", BEVEL_DEG.to_radians(), BLANK);

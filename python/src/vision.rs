@@ -9,7 +9,7 @@ use needle_steer::stereo::{Request, calibrate};
 use needle_steer::tracked::Line;
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use vision::files::{ReadOptions, read_calibration};
+use vision::files::{Pixels, ReadOptions, read_calibration};
 use vision::track::{Appearance, Context, Hints, StereoTracker, TrackSettings};
 
 use crate::arrays::shown;
@@ -128,6 +128,7 @@ pub(crate) fn calibrate_stereo<'py>(
         board,
         square_mm,
         lens,
+        pixels: Pixels::Plain,
     };
     let output = interruptible(py, &Controls::default(), || {
         let calibration = calibrate(&request).map_err(input)?;

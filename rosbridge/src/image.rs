@@ -175,8 +175,7 @@ pub(crate) fn grey(
         rows.copied().collect()
     };
     let pixels = match layout {
-        Layout::Byte => bytes,
-        Layout::Mosaic => demosaiced(&bytes, width, height),
+        Layout::Byte | Layout::Mosaic => bytes,
         Layout::Word => {
             let read = if big {
                 u16::from_be_bytes
@@ -191,12 +190,16 @@ pub(crate) fn grey(
             .map(|pixel| luma(rgb.map(|at| pixel[at])))
             .collect(),
     };
+    let image = GrayImage::from_pixels(width, height, pixels).map_err(|_| short)?;
+    let image = if layout == Layout::Mosaic {
+        image.demosaiced()
+    } else {
+        image
+    };
     Ok(CameraFrame {
         stamp,
         sequence,
-        image: GrayImage::from_pixels(width, height, pixels)
-            .map_err(|_| short)?
-            .into(),
+        image: image.into(),
     })
 }
 
@@ -236,35 +239,6 @@ pub(crate) fn decompressed(
 fn luma(rgb: [u8; 3]) -> u8 {
     let sum: u32 = rgb.iter().zip(LUMA).map(|(&c, w)| u32::from(c) * w).sum();
     u8::try_from(sum >> u8::BITS).unwrap_or(u8::MAX)
-}
-
-/// Grey values of a colour mosaic: the weights 1 2 1 across and down hold each colour of the square
-/// in its share, whichever pixel is in the middle. No place is shifted by it.
-fn demosaiced(mosaic: &[u8], width: usize, height: usize) -> Vec<u8> {
-    // Mirrored at the border, so that the colours alternate there too.
-    let before = |i: usize, n: usize| if i == 0 { 1.min(n - 1) } else { i - 1 };
-    let after = |i: usize, n: usize| {
-        if i + 1 == n {
-            n.saturating_sub(2)
-        } else {
-            i + 1
-        }
-    };
-    let mut grey = Vec::with_capacity(mosaic.len());
-    for y in 0..height {
-        let rows = [before(y, height), y, after(y, height)];
-        for x in 0..width {
-            let columns = [before(x, width), x, after(x, width)];
-            let mut sum = 0_u32;
-            for (row, across) in rows.iter().zip([1, 2, 1]) {
-                for (column, along) in columns.iter().zip([1, 2, 1]) {
-                    sum += across * along * u32::from(mosaic[row * width + column]);
-                }
-            }
-            grey.push(u8::try_from(sum >> 4).unwrap_or(u8::MAX));
-        }
-    }
-    grey
 }
 
 #[cfg(test)]

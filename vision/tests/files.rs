@@ -12,8 +12,8 @@ use hal::Transform;
 use nalgebra::{DMatrix, Isometry3, Unit, Vector3};
 use vision::camera::{Camera, Container, Distortion, FlatWindow, StereoRig};
 use vision::files::{
-    FileError, StereoFile, camera_info, read_camera_info, read_images, read_stereo, stereo_yml,
-    write_all,
+    FileError, Pixels, StereoFile, camchain, camera_info, read_camera_info, read_images,
+    read_stereo, stereo_yml, write_all,
 };
 
 fn folder(name: &str) -> PathBuf {
@@ -86,9 +86,45 @@ fn camera_info_comes_back_as_it_was() {
     }
 }
 
+/// What YAML 1.1 takes for a number with an exponent: a point, and a sign before the power.
+fn is_number_of_yaml_1_1(word: &str) -> bool {
+    let Some((mantissa, power)) = word.split_once('e') else {
+        return word.parse::<f64>().is_ok();
+    };
+    mantissa.contains('.') && power.starts_with(['+', '-']) && word.parse::<f64>().is_ok()
+}
+
+#[test]
+fn every_number_that_is_written_is_one_to_python_too() {
+    let mut written = file();
+    written.rig.left.distortion.k3 = 0.0;
+    written.rig.right.distortion.k3 = 0.0;
+    let [left, right] = camera_info(&written.rig).map(|info| info.to_yaml());
+    let kalibr = camchain(&written.rig).unwrap();
+    for text in [stereo_yml(&written), left, right, kalibr] {
+        let words = text.split(|c: char| c.is_whitespace() || "[],".contains(c));
+        let numbers = words.filter(|w| w.starts_with(|c: char| c.is_ascii_digit() || c == '-'));
+        let mut count = 0;
+        for number in numbers.filter(|w| w.contains('.')) {
+            assert!(is_number_of_yaml_1_1(number), "{number}");
+            count += 1;
+        }
+        assert!(count > 20, "{text}");
+    }
+}
+
+/// The Python that tests are told to use.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "tests are told where OpenCV's package is"
+)]
+fn python() -> String {
+    std::env::var("NEEDLE_STEER_PYTHON").unwrap_or_else(|_| "python3".to_owned())
+}
+
 #[test]
 fn opencv_reads_our_file() {
-    let python = "python3";
+    let python = &python();
     let cv2 = Command::new(python).args(["-c", "import cv2"]).output();
     if !cv2.is_ok_and(|o| o.status.success()) {
         println!("skipped: no Python with cv2");
@@ -166,10 +202,10 @@ fn unreadable_and_mixed_images_are_named() {
         path
     };
     let paths = [image("a.png", 8), image("b.png", 9)];
-    let mixed = read_images(&paths).unwrap_err();
+    let mixed = read_images(&paths, Pixels::Plain).unwrap_err();
     assert!(mixed.to_string().contains("b.png"), "{mixed}");
     let broken = folder.join("c.png");
     std::fs::write(&broken, "no image").unwrap();
-    let error = read_images(&[broken]).unwrap_err();
+    let error = read_images(&[broken], Pixels::Plain).unwrap_err();
     assert!(matches!(error, FileError::Image { .. }), "{error}");
 }

@@ -9,9 +9,10 @@ use clap::Args;
 use serde::Serialize;
 use vision::calibrate::{Board, BoardView, StereoOptions, calibrate_mono};
 use vision::detect::RefineOptions;
-use vision::files::{camera_info_of, read_image, read_images, write_all};
+use vision::files::{camera_info_of, read_image_of, read_images, write_all};
 
 use super::calibrate::{board_kind, name, square};
+use super::images::ImageArgs;
 use super::{Usage, print_json};
 use crate::stereo::{CameraOutput, LENSES, camera_output, lens};
 
@@ -23,6 +24,8 @@ pub(super) struct CornersArgs {
     /// The board: 9x6 (inner corners of a chessboard), charuco:7x5:DICT_4X4_50, circles:4x11.
     #[arg(long)]
     board: String,
+    #[command(flatten)]
+    images: ImageArgs,
     /// Print the corners as JSON; else as a table.
     #[arg(long)]
     json: bool,
@@ -43,7 +46,7 @@ pub(super) fn corners(args: &CornersArgs) -> anyhow::Result<ExitCode> {
     let kind = board_kind(&args.board)?;
     let mut images = Vec::with_capacity(args.files.len());
     for file in &args.files {
-        let image = read_image(file).map_err(|e| Usage(e.to_string()))?;
+        let image = read_image_of(file, args.images.pixels()).map_err(|e| Usage(e.to_string()))?;
         let found = kind.detect(&image, &RefineOptions::default());
         let (corners_px, problem) = match found {
             Ok(board) => {
@@ -112,6 +115,8 @@ pub(super) struct MonoArgs {
     /// Model of the lens.
     #[arg(long, default_value = "plumb_bob", value_parser = LENSES)]
     lens: String,
+    #[command(flatten)]
+    images: ImageArgs,
     /// Folder for `camera.yaml` (ROS `camera_info`); made if missing.
     #[arg(long)]
     out: PathBuf,
@@ -139,7 +144,8 @@ struct ViewOutput<'a> {
 pub(super) fn mono(args: &MonoArgs) -> anyhow::Result<ExitCode> {
     let kind = board_kind(&args.board)?;
     let board = Board::new(&kind, square(args.square_mm)?);
-    let images = read_images(&args.files).map_err(|e| Usage(e.to_string()))?;
+    let images =
+        read_images(&args.files, args.images.pixels()).map_err(|e| Usage(e.to_string()))?;
     let size = images.first().map_or((0, 0), |i| (i.width(), i.height()));
     let (mut views, mut rejected) = (Vec::new(), Vec::new());
     for (k, image) in images.iter().enumerate() {

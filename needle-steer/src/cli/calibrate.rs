@@ -9,6 +9,7 @@ use vision::detect::BoardKind;
 use vision::files::{camchain, write_all};
 use vision::register::{RegistrationFile, read_poses, register};
 
+use super::images::ImageArgs;
 use super::{Usage, boards, calibration, print_json};
 use crate::stereo::{LENSES, Request, calibrate, output, write};
 
@@ -40,6 +41,8 @@ pub(super) struct StereoArgs {
     /// Side of a square, of circles the distance of two rows [mm].
     #[arg(long)]
     square_mm: f64,
+    #[command(flatten)]
+    images: ImageArgs,
     /// Folder for `report.html`, `left.yaml`, `right.yaml`, `stereo.yml`, and `camchain.yaml`
     /// where Kalibr has the lens model (`radtan`, `equidistant`); made if missing.
     #[arg(long)]
@@ -87,6 +90,7 @@ fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
         board: args.board.clone(),
         square_mm: args.square_mm,
         lens: args.lens.clone(),
+        pixels: args.images.pixels(),
     };
     let calibration = calibrate(&request).map_err(|e| Usage(e.to_string()))?;
     write(&args.out, &calibration)?;

@@ -13,6 +13,7 @@ mod emulate;
 mod estimate;
 mod export;
 mod faults;
+mod images;
 mod model;
 mod relay;
 mod replay;

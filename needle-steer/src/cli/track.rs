@@ -13,9 +13,10 @@ use clap::Args;
 use hal::telemetry::Tracking;
 use hal::{CameraFrame, GrayImage, Stamp, StereoFrame};
 use serde::Serialize;
-use vision::files::{FileError, read_image, write_overlay};
+use vision::files::{FileError, Pixels, read_image_of, write_overlay};
 use vision::track::{Context, FrameError, Tracked};
 
+use super::images::ImageArgs;
 use super::{Usage, print_json};
 use crate::tracked::Line;
 use input::{Tracker, picture, prepare, refused};
@@ -28,6 +29,8 @@ pub(super) struct TrackArgs {
     /// Images of the right camera, in the same order.
     #[arg(long, required_unless_present = "plane", conflicts_with = "plane", num_args = 1..)]
     right: Vec<PathBuf>,
+    #[command(flatten)]
+    images: ImageArgs,
     /// The stereo calibration; refraction counts if it names the container's windows. With
     /// `--plane`, that of one camera, or a stereo calibration whose left camera it is.
     /// One file, or two: both cameras', left first, or intrinsics and extrinsics; OpenCV, ROS
@@ -205,7 +208,7 @@ fn track(
         let frames: Result<Vec<_>, FileError> = files
             .into_iter()
             .flatten()
-            .map(|path| read(path, number, args.rate_hz))
+            .map(|path| read(path, args.images.pixels(), number, args.rate_hz))
             .collect();
         let frames = frames.map_err(refused)?;
         let refused = tracker.take(&frames);
@@ -233,10 +236,15 @@ fn track(
     Ok((summary, reason))
 }
 
-fn read(path: &Path, number: usize, rate_hz: f64) -> Result<CameraFrame, FileError> {
+fn read(
+    path: &Path,
+    pixels: Pixels,
+    number: usize,
+    rate_hz: f64,
+) -> Result<CameraFrame, FileError> {
     Ok(CameraFrame {
         stamp: Stamp::from_secs(number as f64 / rate_hz),
         sequence: number as u64,
-        image: Arc::new(read_image(path)?),
+        image: Arc::new(read_image_of(path, pixels)?),
     })
 }

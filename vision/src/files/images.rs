@@ -8,12 +8,30 @@ use image::{DynamicImage, ImageBuffer, Luma};
 
 use super::FileError;
 
+/// What the pixels of image files are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pixels {
+    /// Grey, or colours of their own.
+    #[default]
+    Plain,
+    /// One colour each, in squares of two by two (Bayer): what a colour camera's sensor gives.
+    Mosaic,
+}
+
 /// Reads an image as grey values. Of more than eight bits, those that the image uses are scaled
 /// to eight: a camera of ten or twelve writes them into files of sixteen.
 ///
 /// # Errors
 /// The file cannot be read or decoded.
 pub fn read_image(path: &Path) -> Result<GrayImage, FileError> {
+    read_image_of(path, Pixels::Plain)
+}
+
+/// [`read_image`] of a file whose pixels are `pixels`.
+///
+/// # Errors
+/// The file cannot be read or decoded; it has colours where a mosaic is to be read.
+pub fn read_image_of(path: &Path, pixels: Pixels) -> Result<GrayImage, FileError> {
     let bytes = fs::read(path).map_err(|source| FileError::Io {
         path: path.to_owned(),
         source,
@@ -22,6 +40,13 @@ pub fn read_image(path: &Path) -> Result<GrayImage, FileError> {
         path: path.to_owned(),
         source,
     })?;
+    if pixels == Pixels::Mosaic && image.color().has_color() {
+        return Err(FileError::Foreign {
+            path: path.to_owned(),
+            what: "an image in colours, no raw mosaic of them".to_owned(),
+            remedy: "read it without --bayer".to_owned(),
+        });
+    }
     let deep = matches!(
         image,
         DynamicImage::ImageLuma16(_)
@@ -37,7 +62,10 @@ pub fn read_image(path: &Path) -> Result<GrayImage, FileError> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let mut grey = GrayImage::filled(width, height, 0);
     grey.pixels_mut().copy_from_slice(image.as_raw());
-    Ok(grey)
+    Ok(match pixels {
+        Pixels::Plain => grey,
+        Pixels::Mosaic => grey.demosaiced(),
+    })
 }
 
 /// Share of the pixels that may be brighter than the bits that count: hot pixels.
@@ -109,11 +137,11 @@ pub fn same_size<'a>(
 /// Reads images that must all have the same size.
 ///
 /// # Errors
-/// A file cannot be read or decoded, or differs in size from the first.
-pub fn read_images(paths: &[PathBuf]) -> Result<Vec<GrayImage>, FileError> {
+/// As [`read_image_of`]; an image that differs in size from the first.
+pub fn read_images(paths: &[PathBuf], pixels: Pixels) -> Result<Vec<GrayImage>, FileError> {
     let mut images: Vec<GrayImage> = Vec::with_capacity(paths.len());
     for path in paths {
-        let image = read_image(path)?;
+        let image = read_image_of(path, pixels)?;
         if let (Some(first), Some(first_path)) = (images.first(), paths.first())
             && (first.width(), first.height()) != (image.width(), image.height())
         {
@@ -134,6 +162,40 @@ pub fn read_images(paths: &[PathBuf]) -> Result<Vec<GrayImage>, FileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_mosaic_of_a_coloured_scene_is_even_and_keeps_its_edges_places() {
+        // A scene of one colour, dark from column 50 on: its mosaic is a chequered pattern.
+        let colour = [200_u8, 120, 60];
+        for order in [[0, 1, 1, 2], [2, 1, 1, 0], [1, 0, 2, 1], [1, 2, 0, 1]] {
+            let image = ImageBuffer::from_fn(100, 40, |x, y| {
+                let dimmed = if x < 50 { 1 } else { 4 };
+                let which = order[((y % 2) * 2 + x % 2) as usize];
+                Luma([colour[which] / dimmed])
+            });
+            let path = std::env::temp_dir().join(format!(
+                "vision-mosaic-{}-{}{}.png",
+                std::process::id(),
+                order[0],
+                order[1]
+            ));
+            image.save(&path).unwrap();
+            let grey = read_image_of(&path, Pixels::Mosaic).unwrap();
+            assert_ne!(read_image(&path).unwrap(), grey);
+            fs::remove_file(&path).unwrap();
+            for y in 0..40 {
+                let row = grey.row(y);
+                // (200 + 2 * 120 + 60) / 4.
+                assert!(row[2..48].iter().all(|v| v.abs_diff(125) <= 1), "{row:?}");
+                assert!(row[53..98].iter().all(|v| v.abs_diff(31) <= 1));
+                let dark: f64 = row[40..60]
+                    .iter()
+                    .map(|v| (125.0 - f64::from(*v)) / 94.0)
+                    .sum();
+                assert!((dark - 10.0).abs() < 0.5, "{order:?} {y}: {dark}");
+            }
+        }
+    }
 
     #[test]
     fn the_bits_that_an_image_uses_are_scaled_and_a_hot_pixel_does_not_count() {

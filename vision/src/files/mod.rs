@@ -12,7 +12,7 @@ mod overlay;
 pub use calibration::{ReadCalibration, ReadOptions, read_calibration, read_camera};
 pub use camera_info::{CameraInfo, camera_info, camera_info_of, read_camera_info};
 pub use folder::{FolderError, ImageFolder};
-pub use images::{read_image, read_images, same_size};
+pub use images::{Pixels, read_image, read_image_of, read_images, same_size};
 pub use kalibr::camchain;
 pub use opencv::{StereoFile, read_stereo, stereo_yml};
 pub use overlay::write_overlay;
@@ -211,9 +211,14 @@ pub fn write_all(files: &[(PathBuf, String)]) -> Result<(), FileError> {
         .try_for_each(|(path, _)| fs::rename(aside(path), path).map_err(refused(path)))
 }
 
-/// A number with all its digits, with a point as OpenCV's reader needs it.
+/// A number with all its digits; with a point as OpenCV's reader needs it, and a sign before the
+/// exponent: without one it is a text to YAML 1.1, which Python reads ROS's and Kalibr's files by.
 fn digits(value: f64) -> String {
-    format!("{value:.16e}")
+    let text = format!("{value:.16e}");
+    match text.split_once('e') {
+        Some((mantissa, power)) if !power.starts_with('-') => format!("{mantissa}e+{power}"),
+        _ => text,
+    }
 }
 
 /// Numbers on lines of at most four.

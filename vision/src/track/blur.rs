@@ -69,7 +69,7 @@ fn slope(sigma: f64, half: f64, step: f64) -> f64 {
 }
 
 /// Distribution function of the normal distribution, to 1.5e-7 \[Abramowitz1964, 7.1.26\].
-fn normal(x: f64) -> f64 {
+pub(super) fn normal(x: f64) -> f64 {
     const A: [f64; 5] = [
         0.254_829_592,
         -0.284_496_736,

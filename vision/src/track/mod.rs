@@ -17,6 +17,7 @@ mod frames;
 mod geometry;
 mod matching;
 mod plane;
+mod profile;
 mod search;
 mod section;
 mod settings;
@@ -337,20 +338,22 @@ impl StereoTracker {
             return Err(Loss::NotFound);
         };
         let kept = curve.clone();
+        let tapers = self.images.iter().any(ImageTracker::tapers);
         let lasting = Lasting {
             px: self.images[0].scale(),
             bevel: self.needle.bevel_length,
+            taper: if tapers {
+                taper::LASTING * self.diameter
+            } else {
+                0.0
+            },
         };
         if !curve.fit(&self.views, [left, right], &lasting, rounds) {
             *curve = kept;
             return Err(Loss::NoCurve);
         }
         // Where a tip tapers its end is less sure.
-        let taper = if self.images.iter().any(ImageTracker::tapers) {
-            TAPERING
-        } else {
-            1.0
-        };
+        let taper = if tapers { TAPERING } else { 1.0 };
         if curve.epipolar > taper * EPIPOLAR * self.images[0].scale().max(1.0) {
             return Err(Loss::Disagreement { px: curve.epipolar });
         }

@@ -13,14 +13,12 @@ use super::geometry::look;
 use super::matching::on_line;
 use super::settings::{Appearance, Hints, TrackSettings, TrackSettingsError};
 use super::single::{ImageTracker, Seen};
+use super::taper;
 use crate::camera::{DistortedPx, View};
 
 /// Error of a curve in an image that stays from image to image \[px\], in images 640 wide; see the
 /// curve in space of two images.
 const LASTING: f64 = 0.02;
-/// Least share of what the surroundings allow by which a needle stands out; see the search in two
-/// images.
-const FAINT: f64 = 0.13;
 /// Candidates that are tried.
 const TRIED: usize = 6;
 /// How far from a candidate's line the shaft is sought \[px\].
@@ -219,8 +217,8 @@ impl PlaneTracker {
             c.evidence * if start <= tip { 1.0 } else { 0.5 }
         };
         if before.is_none() {
-            let share = turned.iter().map(|c| c.share).fold(0.0, f64::max);
-            turned.retain(|c| c.share >= FAINT);
+            let share = turned.iter().map(Candidate::plain).fold(0.0, f64::max);
+            turned.retain(Candidate::stands_out);
             if turned.is_empty() {
                 return Err(Loss::Faint { share });
             }
@@ -308,6 +306,13 @@ impl PlaneTracker {
         let [.., (before, _), (tip, covariance)] = samples.as_slice() else {
             return Err(Loss::NoCurve);
         };
+        let axis = (tip - before).try_normalize(1e-12).ok_or(Loss::NoCurve)?;
+        let taper = if self.image.tapers() {
+            taper::LASTING * self.diameter
+        } else {
+            0.0
+        };
+        let covariance = covariance + axis * axis.transpose() * (taper * taper);
         let shape = &mut self.tracked.shape;
         shape.stamp = frame.stamp;
         shape.sequence = frame.sequence;
@@ -325,8 +330,8 @@ impl PlaneTracker {
         let tilt = self.plane.sigma / (tip - samples[0].0).norm().max(1e-9);
         shape.tip = SensedTip {
             position: Position::new((*tip).into()),
-            covariance: *covariance,
-            direction: Unit::new_normalize(tip - before),
+            covariance,
+            direction: Unit::new_unchecked(axis),
             direction_sigma: floor.hypot(tilt),
         };
         self.tracked.point = shape.tip.position;

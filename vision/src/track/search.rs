@@ -1,21 +1,16 @@
 //! Finding the needle anywhere in a pair, and again where it has moved too far.
 
 use hal::GrayImage;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{DMatrix, Vector2, Vector3};
 
 use super::StereoTracker;
 use super::answer::{Context, Loss};
-use super::curve::{Curve2, MOST};
+use super::curve::{Curve2, MOST, weights};
 use super::find::{Candidate, candidates};
-use super::matching::{Pairing, matched, pairings};
+use super::matching::{Pairing, matched, on_line, pairings};
 use super::single::{ImageTracker, Seen};
 use super::space::Curve3;
 
-/// Least share of what the surroundings allow by which a needle stands out: grid lines and tracks of
-/// earlier insertions have 0.1.
-const FAINT: f64 = 0.13;
-/// The same of a bright needle: reflections on glass and plastic have 0.18.
-const FAINT_BRIGHT: f64 = 0.19;
 /// Share of the best pair's evidence from which on another may be the needle instead.
 const RIVAL: f64 = 0.25;
 /// Pairs of candidates that are tried.
@@ -24,8 +19,13 @@ const TRIED: usize = 8;
 const AROUND: f64 = 3.0;
 /// Ratios of the diameter found to the one given between which that is believed.
 const DIAMETER: [f64; 2] = [0.75, 1.35];
+/// How far four in five places of a line may be off a curve of few control points \[px\], in images 640 wide;
+/// else it gets more of them.
+const WANDER: f64 = 1.5;
 /// Points by which a curve is matched.
 const POINTS: usize = 25;
+/// Places of a line at which it is compared with a curve.
+const PLACES: usize = 41;
 /// Shift of a start below which both images show the same \[shares\].
 const SAME_START: f64 = 0.03;
 
@@ -67,15 +67,8 @@ impl StereoTracker {
             bands: [found[0].len(), found[1].len()],
         };
         let best = pairings.first().map_or(0.0, |p| p.evidence);
-        let share = |p: &Pairing| p.candidates[0].share.min(p.candidates[1].share);
-        let plain = |p: &Pairing| {
-            let least = if p.candidates[0].bright {
-                FAINT_BRIGHT
-            } else {
-                FAINT
-            };
-            share(p) >= least
-        };
+        let share = |p: &Pairing| p.candidates[0].plain().min(p.candidates[1].plain());
+        let plain = |p: &Pairing| p.candidates.iter().all(Candidate::stands_out);
         if let (None, Some(first)) = (before, pairings.first())
             && !plain(first)
         {
@@ -142,7 +135,9 @@ impl StereoTracker {
             found
         };
         let lines = pairing.candidates.each_ref().map(|c| c.line.as_slice());
-        let count = self.settings.control_points;
+        let limit = WANDER * self.images[0].scale().max(1.0);
+        let needed = lines.map(|line| points_along(line, self.settings.control_points, limit));
+        let count = needed[0].max(needed[1]);
         for k in 0..2 {
             let (look, _) = self.look(k, tip, Some(&axis), context);
             let seen = Seen {
@@ -222,6 +217,26 @@ impl StereoTracker {
         }
         Ok(Curve3::through(count, points))
     }
+}
+
+/// Control points, `least` and more, of the first curve that follows `line` within `limit` \[px\].
+fn points_along(line: &[Vector2<f64>], least: usize, limit: f64) -> usize {
+    let places = |k: usize| k as f64 / (PLACES - 1) as f64;
+    let seen: Option<Vec<_>> = (0..PLACES).map(|k| on_line(line, places(k))).collect();
+    let Some(seen) = seen else { return least };
+    let far = |count: usize| {
+        let rows = DMatrix::from_fn(PLACES, count, |k, i| weights(count, places(k))[i]);
+        let there = DMatrix::from_fn(PLACES, 2, |k, axis| seen[k][axis]);
+        let points = rows.clone().svd(true, true).solve(&there, 1e-9).ok()?;
+        let mut off: Vec<f64> = (rows * points - there)
+            .row_iter()
+            .map(|row| row.norm())
+            .collect();
+        off.sort_by(f64::total_cmp);
+        off.get(4 * PLACES / 5).copied()
+    };
+    let enough = |count: &usize| far(*count).is_none_or(|far| far <= limit);
+    (least..MOST).find(enough).unwrap_or(MOST)
 }
 
 fn polygon(curve: &Curve2) -> Vec<Vector2<f64>> {

@@ -30,6 +30,8 @@ pub(super) struct Lasting {
     pub px: f64,
     /// Length of the bevel \[m\].
     pub bevel: f64,
+    /// Error of a tip that tapers, along the axis \[m\].
+    pub taper: f64,
 }
 
 /// A polynomial curve in the stereo frame with its covariance.
@@ -289,8 +291,9 @@ impl Normal {
             covariance[(a, a)] += (LASTING * lasting.px).powi(2);
         }
         let axis = curve.derivative(1.0).normalize();
-        let bevel_px = (jacobians[count] * axis).norm() * lasting.bevel;
-        covariance[(count, count)] += (LASTING_BEVEL * bevel_px).powi(2);
+        let along = (LASTING_BEVEL * lasting.bevel).hypot(lasting.taper);
+        let along_px = (jacobians[count] * axis).norm() * along;
+        covariance[(count, count)] += along_px.powi(2);
         let inverse = Factor::new(&covariance, count + 1)?.inverse();
         for a in 0..=count {
             let (pa, ra) = block(a, count, &directions, &jacobians);

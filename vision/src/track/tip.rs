@@ -54,6 +54,8 @@ pub(super) struct TipSearch {
 /// Darkness summed across the needle, by distance from the curve's end.
 struct Run {
     start: f64,
+    /// Distance of the stations: a pixel, more where there are too many pixels \[px\].
+    step: f64,
     masses: [f64; STATIONS],
     /// First moments about the axis.
     moments: [f64; STATIONS],
@@ -72,9 +74,11 @@ fn run(
     let across = (0.5 * search.width + 1.5).round();
     let behind = behind(search.reach, curve).floor();
     let ahead = (search.reach + search.bevel_px + 3.0 * search.blur + 2.0).ceil();
-    let count = ((behind + ahead) as usize + 1).min(STATIONS);
+    let step = ((behind + ahead) / (STATIONS - 1) as f64).max(1.0);
+    let count = (((behind + ahead) / step) as usize + 1).min(STATIONS);
     let mut run = Run {
         start: -behind,
+        step,
         masses: [0.0; STATIONS],
         moments: [0.0; STATIONS],
         count,
@@ -82,7 +86,7 @@ fn run(
     let mut stations = [(Vector2::zeros(), Vector2::zeros()); STATIONS];
     let mut read = 0.0;
     for (k, station) in stations.iter_mut().enumerate().take(count) {
-        let u = -behind + k as f64;
+        let u = run.place(k);
         let (centre, direction) = if u < 0.0 {
             let (row, slopes) = weights_and_slopes(curve.control_points().len(), 1.0 + u / speed);
             (curve.sum(&row), curve.sum(&slopes).normalize())
@@ -137,6 +141,11 @@ pub(super) fn find(
 }
 
 impl Run {
+    /// Station `k` ahead of the curve's end \[px\].
+    fn place(&self, k: usize) -> f64 {
+        self.start + self.step * k as f64
+    }
+
     /// See [`TipFix::leaning`]; O is `shift` ahead of the curve's end.
     fn leaning(&self, shift: f64, search: &TipSearch) -> Option<f64> {
         /// Where the shaft just behind O is measured \[px\].
@@ -149,9 +158,12 @@ impl Run {
         let sum = |from: f64, to: f64| {
             let mut sum = [0.0; 3];
             for k in 0..self.count {
-                let ahead = self.start + k as f64 - shift;
-                // A station stands for a pixel; at the ends it counts by its part within.
-                let share = (ahead - from + 0.5).min(to - ahead + 0.5).clamp(0.0, 1.0);
+                let ahead = self.place(k) - shift;
+                // A station stands for the pixels around it; at the ends it counts by its part within.
+                let half = 0.5 * self.step;
+                let share = (ahead - from + half)
+                    .min(to - ahead + half)
+                    .clamp(0.0, self.step);
                 sum[0] += share;
                 sum[1] += share * self.masses[k];
                 sum[2] += share * self.moments[k];
@@ -185,7 +197,7 @@ fn fit(run: &Run, search: &TipSearch, side: f64) -> Option<TipFix> {
         before[k + 1] = before[k] + y;
     }
     let falling = |shift: f64| {
-        let [from, to] = falloff.span().map(|u| u + shift - run.start);
+        let [from, to] = falloff.span().map(|u| (u + shift - run.start) / run.step);
         let to = (to.max(0.0) as usize + 2).min(run.count);
         (from as usize).min(to)..to
     };
@@ -194,7 +206,7 @@ fn fit(run: &Run, search: &TipSearch, side: f64) -> Option<TipFix> {
         let falling = falling(shift);
         let (mut ss, mut sy) = (falling.start as f64, before[falling.start]);
         for k in falling {
-            let (s, _) = falloff.at(run.start + k as f64 - shift);
+            let (s, _) = falloff.at(run.place(k) - shift);
             ss += s * s;
             sy += s * masses[k];
         }
@@ -216,7 +228,7 @@ fn fit(run: &Run, search: &TipSearch, side: f64) -> Option<TipFix> {
         let (amplitude, _) = judge(shift);
         let (mut gradient, mut curvature) = (0.0, 0.0);
         for k in falling(shift) {
-            let (s, slope) = falloff.at(run.start + k as f64 - shift);
+            let (s, slope) = falloff.at(run.place(k) - shift);
             gradient += -amplitude * slope * (masses[k] - amplitude * s);
             curvature += (amplitude * slope).powi(2);
         }

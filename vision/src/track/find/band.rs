@@ -25,6 +25,8 @@ pub(super) struct Band {
     pub contrast: f32,
     /// Level of its sides \[grey\].
     pub level: f32,
+    /// How much they differ \[grey\].
+    pub step: f32,
     /// Brighter than its sides.
     pub bright: bool,
 }
@@ -129,6 +131,7 @@ impl Finder {
                         width,
                         contrast: last[0],
                         level: 0.5 * (levels[0] + levels[1]),
+                        step: (levels[0] - levels[1]).abs(),
                         bright: bright == 1,
                     };
                     self.found.push((band, levels));

@@ -9,6 +9,7 @@ use crate::track::blur;
 use crate::track::curve::{Curve2, MOST, normal, weights};
 use crate::track::filter::{Change, CurveFilter, Offset};
 use crate::track::matching::on_line;
+use crate::track::profile;
 use crate::track::section::{Expected, cross};
 
 /// Ratios of the blur found to the one given between which that is believed: a needle's rounding
@@ -17,6 +18,9 @@ const BLUR: [f64; 2] = [0.5, 1.8];
 /// Limits of a blur found \[px\].
 const LEAST_BLUR: f64 = 0.4;
 const MOST_BLUR: f64 = 8.0;
+
+/// How far beside a needle its profile is looked at, at least and at most \[px\].
+const BESIDE: [f64; 2] = [4.0, 10.0];
 
 /// Blurs beyond its edge at which a needle has faded.
 const FADED: f64 = 2.0;
@@ -88,7 +92,7 @@ impl ImageTracker {
             self.contrast = seen.contrast / self.level(line).max(1.0);
             self.points = seen.points;
         }
-        let first = self.along(image, line, reach, look)?;
+        let first = self.along(image, line, reach, look, seen.is_some())?;
         let curve = self.extent(image, &first, look).ok_or(Flaw::Tip)?;
         let shortest = self.settings.visible_px * self.scale;
         if curve.length() < shortest {
@@ -175,13 +179,14 @@ impl ImageTracker {
         }
     }
 
-    /// A smooth curve through the shaft near `line`.
+    /// A smooth curve through the shaft near `line`; width and blur by its profile where it was `sought`.
     fn along(
         &mut self,
         image: &GrayImage,
         line: &[Vector2<f64>],
         reach: f64,
         look: &Look,
+        sought: bool,
     ) -> Result<Curve2, Flaw> {
         let count = self.points;
         let mut points = [Vector2::zeros(); MOST];
@@ -192,6 +197,7 @@ impl ImageTracker {
         let mut filter = CurveFilter::new(&guess, reach);
         self.offsets.clear();
         let (mut width, mut steepness) = (0.0, 0.0);
+        let mut middles = Vec::with_capacity(self.settings.normals);
         for k in 0..self.settings.normals {
             let t = (k as f64 + 0.5) / self.settings.normals as f64;
             let tangent = guess.derivative(t).try_normalize(1e-6);
@@ -206,6 +212,7 @@ impl ImageTracker {
             if let Some(section) = section {
                 width += section.width;
                 steepness += section.steepness;
+                middles.push((guess.at(t) + direction * section.offset, direction));
                 // Loose, so that smooth misfits of the guess are no outliers.
                 let variance = self.scale * self.scale;
                 let row = weights(count, t);
@@ -221,7 +228,12 @@ impl ImageTracker {
         if agree < SURVIVORS.1 {
             return Err(flaw);
         }
-        let found = blur::estimate(width / agree as f64, steepness / agree as f64);
+        let width = width / agree as f64;
+        let found = if sought {
+            profile::fitted(&self.profile(image, &middles, width), width)
+        } else {
+            blur::estimate(width, steepness / agree as f64)
+        };
         let given = self.given_blur();
         let ratio = found.blur / given;
         self.sharp = found.width / look.width;
@@ -233,6 +245,36 @@ impl ImageTracker {
         let solution = self.robust(&mut filter, look, 1.0, 1.0).ok_or(flaw)?;
         filter.accept(&solution);
         Ok(filter.curve())
+    }
+
+    /// Mean darkness across the needle at every pixel from its `middles` on outwards, each with the
+    /// direction across; both sides averaged.
+    fn profile(
+        &self,
+        image: &GrayImage,
+        middles: &[(Vector2<f64>, Vector2<f64>)],
+        width: f64,
+    ) -> Vec<f64> {
+        let beside = (0.75 * width).clamp(BESIDE[0], BESIDE[1]);
+        let reach = (0.5 * width + beside).ceil() as usize;
+        let (mut sums, mut count) = (vec![0.0; reach + 1], 0.0);
+        let mut samples = vec![0.0; 2 * reach + 1];
+        for (middle, direction) in middles {
+            let start = middle - direction * reach as f64;
+            let line = self.background.line(image, start, *direction, &mut samples);
+            if line.is_none() {
+                continue;
+            }
+            count += 1.0;
+            for (k, sum) in sums.iter_mut().enumerate() {
+                let pair = samples[reach + k] + samples[reach - k];
+                *sum -= 0.5 * f64::from(pair);
+            }
+        }
+        for sum in &mut sums {
+            *sum /= f64::max(count, 1.0);
+        }
+        sums
     }
 
     /// The part of `curve`, prolonged, that shows a needle.
