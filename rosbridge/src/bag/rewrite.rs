@@ -15,6 +15,13 @@ struct Shift {
 }
 
 impl Shift {
+    const fn new(began: u64) -> Self {
+        Self {
+            began,
+            in_header: false,
+        }
+    }
+
     fn of(self, whole: u32, fraction: u32) -> (u32, u32) {
         if (whole, fraction) == (0, 0) && !self.in_header {
             return (0, 0);
@@ -33,10 +40,7 @@ pub(super) struct Ros1 {
 impl Ros1 {
     pub(super) const fn new(began: u64) -> Self {
         Self {
-            shift: Shift {
-                began,
-                in_header: false,
-            },
+            shift: Shift::new(began),
             bytes: Vec::new(),
         }
     }
@@ -61,10 +65,6 @@ impl Sink for Ros1 {
         self.count(whole);
         self.count(fraction);
     }
-    fn duration(&mut self, whole: i32, fraction: i32) {
-        self.count(whole.cast_unsigned());
-        self.count(fraction.cast_unsigned());
-    }
     fn count(&mut self, count: u32) {
         self.bytes.extend_from_slice(&count.to_le_bytes());
     }
@@ -83,10 +83,7 @@ const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 impl Cdr {
     pub(super) fn new(began: u64) -> Self {
         Self {
-            shift: Shift {
-                began,
-                in_header: false,
-            },
+            shift: Shift::new(began),
             bytes: ENCAPSULATION.to_vec(),
         }
     }
@@ -151,11 +148,6 @@ impl Sink for Cdr {
         let (whole, fraction) = self.shift.of(whole, fraction);
         self.count(whole);
         self.count(fraction);
-    }
-
-    fn duration(&mut self, whole: i32, fraction: i32) {
-        self.count(whole.cast_unsigned());
-        self.count(fraction.cast_unsigned());
     }
 
     fn count(&mut self, count: u32) {

@@ -20,7 +20,10 @@ pub(super) trait Sink {
     fn text(&mut self, bytes: &[u8]);
     /// Seconds and nanoseconds.
     fn time(&mut self, seconds: u32, nanos: u32);
-    fn duration(&mut self, seconds: i32, nanos: i32);
+    fn duration(&mut self, seconds: i32, nanos: i32) {
+        self.count(seconds.cast_unsigned());
+        self.count(nanos.cast_unsigned());
+    }
     /// How many values follow.
     fn count(&mut self, count: u32);
 }
@@ -126,6 +129,5 @@ impl Sink for Nothing {
     fn plain(&mut self, _: usize, _: &[u8]) {}
     fn text(&mut self, _: &[u8]) {}
     fn time(&mut self, _: u32, _: u32) {}
-    fn duration(&mut self, _: i32, _: i32) {}
     fn count(&mut self, _: u32) {}
 }
