@@ -18,6 +18,8 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, tcgetattr};
 
 const BIN: &str = env!("CARGO_BIN_EXE_needle-steer");
+/// Bytes of a log that holds steps: what describes the arm before them takes a quarter.
+const BEGUN: u64 = 100_000;
 
 fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("dead-man-{name}"));
@@ -118,7 +120,7 @@ fn ctrl_c_in_the_terminal_still_ends_a_run_that_waits_for_its_key() {
     while !place
         .join("x/run.mcap")
         .metadata()
-        .is_ok_and(|log| log.len() > 20_000)
+        .is_ok_and(|log| log.len() > BEGUN)
     {
         std::thread::sleep(Duration::from_millis(20));
     }

@@ -8,6 +8,8 @@ use std::process::{Child, Command, Output, Stdio};
 use serde_json::Value;
 
 const BIN: &str = env!("CARGO_BIN_EXE_needle-steer");
+/// Bytes of a log that holds steps: what describes the arm before them takes a quarter.
+const BEGUN: u64 = 100_000;
 /// A run of a second of computing.
 const SHORT: [&str; 11] = [
     "run",
@@ -101,7 +103,7 @@ fn a_second_run_into_the_folder_of_a_running_one_is_refused() {
     assert_eq!(second.status.code(), Some(2), "{}", stderr(&second));
     assert!(stderr(&second).contains("another"), "{}", stderr(&second));
     assert!(second.stdout.is_empty());
-    wait_for(|| grown(&place.join("x/run.mcap"), 20_000));
+    wait_for(|| grown(&place.join("x/run.mcap"), BEGUN));
     let third = needle_steer(&place, &[&SHORT[..], &["--out", "x"]].concat());
     assert_eq!(third.status.code(), Some(2), "{}", stderr(&third));
     let first = interrupt(first);
