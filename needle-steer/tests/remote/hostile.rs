@@ -1,7 +1,10 @@
 //! Clients that mean no good: the insertion is the same, and memory is bounded.
 
+use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hasher};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -16,23 +19,29 @@ use needle_steer::run::{Both, Observer, run};
 use needle_steer::session::Session;
 use vision::track::Tracked;
 
-/// What a run did, to be compared bit by bit.
+/// What a run did, to be compared bit by bit: a few bytes a step, for memory is watched meanwhile.
 #[derive(Debug, Default, PartialEq)]
 struct Trace {
-    commands: Vec<String>,
-    steps: Vec<String>,
+    commands: Vec<u64>,
+    steps: Vec<u64>,
     images: usize,
     times: Vec<Duration>,
 }
 
+/// A hash of the debug output: that of a float is the shortest text that reads back as the same bits.
+fn fingerprint(value: &impl std::fmt::Debug) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    hasher.write(format!("{value:?}").as_bytes());
+    hasher.finish()
+}
+
 impl Observer for Trace {
     fn step(&mut self, telemetry: &Telemetry) {
-        // Debug output of a float is the shortest text that reads back as the same bits.
-        self.steps.push(format!("{telemetry:?}"));
+        self.steps.push(fingerprint(telemetry));
     }
 
     fn command(&mut self, command: &RateCommand) {
-        self.commands.push(format!("{command:?}"));
+        self.commands.push(fingerprint(command));
     }
 
     fn images(&mut self, _: &StereoFrame, _: &Tracked) {
@@ -54,13 +63,13 @@ fn carried_out(
     config: &Config,
     pace: Pace,
     clients: impl FnOnce(SocketAddr, &Arc<AtomicBool>) -> Vec<JoinHandle<()>>,
-) -> (Trace, String, std::collections::BTreeMap<&'static str, u64>) {
+) -> (Trace, String, BTreeMap<&'static str, u64>) {
     let mut rig = Rig::simulated(config, pace).unwrap();
     let controls = Arc::new(Controls::default());
     let mut session = Session::open(config, None, &rig, &controls).unwrap();
     let over = Arc::new(AtomicBool::new(false));
     let mut trace = Trace::default();
-    let mut dropped = std::collections::BTreeMap::new();
+    let mut dropped = BTreeMap::new();
     let summary = match &mut session {
         Some(session) => {
             let (address, counters) = session.igtl().unwrap();
@@ -152,8 +161,6 @@ fn crowd(n: usize, address: SocketAddr, over: &Arc<AtomicBool>) -> Vec<JoinHandl
         .map(|kind| {
             let over = Arc::clone(over);
             std::thread::spawn(move || {
-                #[cfg(target_os = "linux")]
-                rustix::process::setpriority_process(None, 19).unwrap();
                 client(kind, address, &over);
             })
         })
@@ -167,6 +174,8 @@ fn resident() -> Option<u64> {
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
+/// Minutes without and with clients; the 99th percentile of one minute varies by a tenth by itself.
+const ROUNDS: usize = 3;
 /// Seconds in which buffers come to their size.
 const SETTLED: usize = 10;
 
@@ -211,46 +220,92 @@ fn watch_memory(over: &Arc<AtomicBool>, seen: &Arc<Mutex<Vec<u64>>>) -> JoinHand
     })
 }
 
-/// Fifty of them for a minute of wall-clock time, twice, each time after a minute of none: times of steps,
-/// and memory. The clients are threads of this process of the lowest priority, for they stand for other
-/// machines. A measurement, run by
-/// hand: `cargo test --release -p needle-steer --test remote -- --ignored --nocapture fifty`.
+/// Says to [`clients_of_their_own_process`] how many there are to be, and where.
+const CROWD: &str = "NEEDLE_STEER_TEST_CROWD";
+
+/// The program in which clients of [`fifty_hostile_clients_for_a_minute`] live; does nothing by itself.
 #[test]
-#[ignore = "measures for four minutes"]
+#[ignore = "started by another test"]
+fn clients_of_their_own_process() {
+    let Ok(asked) = std::env::var(CROWD) else {
+        return;
+    };
+    let (n, address) = asked.split_once(' ').unwrap();
+    // Until this process is ended.
+    let over = Arc::new(AtomicBool::new(false));
+    for client in crowd(n.parse().unwrap(), address.parse().unwrap(), &over) {
+        client.join().unwrap();
+    }
+}
+
+/// `n` clients in a process of their own until `over`. Its lowest priority is for the machines that
+/// clients have to themselves elsewhere.
+fn crowd_elsewhere(n: usize, address: SocketAddr, over: &Arc<AtomicBool>) -> JoinHandle<()> {
+    let mut process = Command::new("nice")
+        .args(["-n", "19"])
+        .arg(std::env::current_exe().unwrap())
+        .args([
+            "--ignored",
+            "--exact",
+            "hostile::clients_of_their_own_process",
+        ])
+        .env(CROWD, format!("{n} {address}"))
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let over = Arc::clone(over);
+    std::thread::spawn(move || {
+        while !over.load(Ordering::Acquire) {
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        process.kill().unwrap();
+        process.wait().unwrap();
+    })
+}
+
+/// Fifty of them for a minute of wall-clock time, three times, each time after a minute of none: times
+/// of steps, and memory. A measurement, run by hand:
+/// `cargo test --release -p needle-steer --test remote -- --ignored --nocapture fifty`.
+#[test]
+#[ignore = "measures for six minutes"]
 fn fifty_hostile_clients_for_a_minute() {
     let long = [
         "target.depth_mm=55",
         "target.offset_mm=1",
         "igtl.address=\"127.0.0.1:0\"",
     ];
-    let p = |trace: &Trace, share: usize| {
-        let mut times = trace.times.clone();
-        times.sort_unstable();
-        times[(times.len() - 1) * share / 100]
-    };
-    for clients in [0, 50, 0, 50] {
+    let mut times: BTreeMap<usize, Vec<Duration>> = BTreeMap::new();
+    for clients in [0, 50].repeat(ROUNDS) {
         let memory = Arc::default();
         let served = configured(&[&long[..], &["igtl.serve=true"]].concat());
         let pace = Pace::Paced(needle_steer::clock::WallTime::start());
         let (trace, ended, dropped) = carried_out(&served, pace, |address, over| {
-            let mut threads = crowd(clients, address, over);
-            threads.push(watch_memory(over, &memory));
+            let mut threads = vec![watch_memory(over, &memory)];
+            if clients > 0 {
+                threads.push(crowd_elsewhere(clients, address, over));
+            }
             threads
         });
         let memory = memory.lock().unwrap();
         let settled = &memory[memory.len().min(SETTLED)..];
         let (least, most) = (settled.iter().min(), settled.iter().max());
         eprintln!(
-            "{clients} clients: {} steps, p50 {:?}, p99 {:?}, memory after {SETTLED} s {least:?} to {most:?} kB, \
-             {dropped:?}\n{ended}",
-            trace.times.len(),
-            p(&trace, 50),
-            p(&trace, 99),
+            "{clients} clients: memory after {SETTLED} s {least:?} to {most:?} kB, {dropped:?}\n{ended}"
         );
+        times.entry(clients).or_default().extend(trace.times);
         // It grows with the run's own history, by some kilobytes a second.
         assert!(
             most.unwrap_or(&0) - least.unwrap_or(&0) < 16 << 10,
             "{memory:?}"
+        );
+    }
+    for (clients, mut times) in times {
+        times.sort_unstable();
+        let p = |share: usize| times[(times.len() - 1) * share / 100];
+        let (half, most) = (p(50), p(99));
+        eprintln!(
+            "{clients} clients: {} steps, p50 {half:?}, p99 {most:?}",
+            times.len()
         );
     }
 }

@@ -123,7 +123,7 @@ fn path<'a>(
     if scan.links.is_empty() {
         let mut others: Vec<String> = scan.others.iter().cloned().collect();
         others.sort();
-        return Err(UrdfError::NoLinks { others });
+        return Err(prefixed(scan).unwrap_or(UrdfError::NoLinks { others }));
     }
     let parents = parents(scan)?;
     let tip = section.tip();
@@ -214,20 +214,31 @@ fn parents(scan: &Scan) -> Result<HashMap<&str, (&scan::Joint, &str)>, UrdfError
         .iter()
         .filter(|link| !parents.contains_key(link.as_str()));
     match (roots.next(), roots.next()) {
-        (Some(first), Some(second)) => Err(UrdfError::TwoRoots {
+        (Some(first), Some(second)) => Err(prefixed(scan).unwrap_or_else(|| UrdfError::TwoRoots {
             first: first.clone(),
             second: second.clone(),
-        }),
+        })),
         _ => Ok(parents),
     }
 }
 
+/// Links or joints that are not read, if there are any: a reason why others are missing.
+fn prefixed(scan: &Scan) -> Option<UrdfError> {
+    let (element, line) = scan.prefixed.as_ref()?;
+    let (prefix, _) = element.split_once(':')?;
+    Some(UrdfError::Prefixed {
+        element: element.clone(),
+        prefix: prefix.to_owned(),
+        line: *line,
+    })
+}
+
 fn unknown_link(scan: &Scan, link: &str, by: &str) -> UrdfError {
-    UrdfError::UnknownLink {
+    prefixed(scan).unwrap_or_else(|| UrdfError::UnknownLink {
         link: link.to_owned(),
         by: by.to_owned(),
         known: scan.links.join(", "),
-    }
+    })
 }
 
 /// The joints of the path as the parser reads them.

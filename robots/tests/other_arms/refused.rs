@@ -54,7 +54,21 @@ fn a_message_names_the_place_and_the_remedy() {
         plain.replacen(from, to, 1)
     };
     let in_line_2 = "line 2: joint j1: ";
-    let cases: [(String, &str, &[&str]); 7] = [
+    let cases: [(String, &str, &[&str]); 9] = [
+        (
+            plain
+                .replace("<joint", "<x:joint")
+                .replace("</joint", "</x:joint"),
+            "tip",
+            &["line 2: <x:joint>", "take `x:` off"],
+        ),
+        (
+            plain
+                .replace("<link", "<x:link")
+                .replace("</link", "</x:link"),
+            "tip",
+            &["line 1: <x:link>", "take `x:` off"],
+        ),
         (
             changed("0 0 0.31", "0 0 0,31"),
             "tip",

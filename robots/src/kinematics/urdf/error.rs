@@ -200,6 +200,19 @@ pub enum UrdfError {
         /// Another one.
         second: String,
     },
+    /// Something is missing, and links or joints have names that no reader of URDFs knows.
+    #[error(
+        "line {line}: <{element}> is not read, for the elements of a URDF have no prefix: take \
+         `{prefix}:` off"
+    )]
+    Prefixed {
+        /// The first of them.
+        element: String,
+        /// Its prefix.
+        prefix: String,
+        /// Its line, from 1.
+        line: usize,
+    },
     /// A joint of the chain moves in a way that the chain does not admit.
     #[error(
         "joint {joint}: type {found}; the chain may hold {admitted} joints only: {}{}",

@@ -81,6 +81,8 @@ pub(super) struct Scan {
     pub(super) joints: Vec<Joint>,
     /// Names of the robot's other children.
     pub(super) others: HashSet<String>,
+    /// A link or joint with a prefix, which is none, and its line.
+    pub(super) prefixed: Option<(String, usize)>,
 }
 
 /// Reads links and joints.
@@ -122,6 +124,10 @@ pub(super) fn scan(xml: &str) -> Result<Scan, UrdfError> {
                             scan.links
                                 .push(name.ok_or(UrdfError::UnnamedLink { line })?);
                         } else {
+                            if tag.ends_with(":link") || tag.ends_with(":joint") {
+                                let here = (tag.clone(), line_of(xml, position));
+                                scan.prefixed.get_or_insert(here);
+                            }
                             scan.others.insert(tag.clone());
                         }
                     }
