@@ -59,6 +59,7 @@ pub mod statistics;
 pub mod plot;
 pub mod experiments;
 pub mod export;
+pub mod samples;
 pub mod comparison;
 pub mod robustness;
 pub mod cli;

@@ -11,6 +11,7 @@ mod check;
 mod dead_man;
 mod emulate;
 mod estimate;
+mod example;
 mod export;
 mod faults;
 mod images;
@@ -72,6 +73,9 @@ enum Command {
     Calibrate(calibrate::CalibrateCommand),
     /// The needle in recorded pairs of images: a JSON line a frame.
     Track(track::TrackArgs),
+    /// Files to try other commands on, made by simulation.
+    #[command(subcommand)]
+    Example(example::ExampleCommand),
     /// Emulated hardware.
     #[command(subcommand)]
     Emulate(emulate::EmulateCommand),
@@ -218,6 +222,7 @@ fn dispatch(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Shape(args) => return model::shape(&args),
         Command::Calibrate(command) => return calibrate::execute(&command),
         Command::Track(args) => return track::execute(&args),
+        Command::Example(command) => return example::execute(&command),
         Command::Emulate(command) => return emulate::execute(&command),
         Command::Relay(args) => return relay::execute(&args),
         Command::Fk(args) => return arm::fk(&args),

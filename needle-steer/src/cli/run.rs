@@ -80,6 +80,9 @@ pub(super) struct RunArgs {
     /// Print the summary as JSON.
     #[arg(long)]
     json: bool,
+    /// Write the page of the run (`report`) and show it in the browser.
+    #[arg(long, conflicts_with = "dry_run")]
+    open: bool,
 }
 
 impl RunArgs {
@@ -187,6 +190,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     printed?;
     written?;
     logged.context("the log is not complete")?;
+    if let (true, Some(out)) = (args.open, &out) {
+        super::report::write_and_show(out.path())?;
+    }
     Ok(if summary.ended.is_success() {
         ExitCode::SUCCESS
     } else {
