@@ -43,4 +43,4 @@ mod step;
 pub mod stream;
 
 pub use convert::ConvertError;
-pub use seam::{Node, NodeEnd, NodeError, NodeOptions, TimeBase, plain_arguments};
+pub use seam::{Node, NodeEnd, NodeError, NodeOptions, Severity, TimeBase, plain_arguments};

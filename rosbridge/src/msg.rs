@@ -6,7 +6,8 @@
 
 pub use generated::{
     diagnostic_msgs, geometry_msgs, industrial_msgs, needle_steer_lockstep, needle_steer_msgs,
-    rosgraph_msgs, sensor_msgs, std_msgs, std_srvs, tf2_msgs, trajectory_msgs, visualization_msgs,
+    roscpp, rosgraph_msgs, sensor_msgs, std_msgs, std_srvs, tf2_msgs, trajectory_msgs,
+    visualization_msgs,
 };
 
 #[allow(
@@ -32,6 +33,8 @@ mod generated {
         needle_steer_msgs / Shape,
         needle_steer_msgs / State,
         needle_steer_msgs / Step,
+        roscpp / GetLoggers,
+        roscpp / SetLoggerLevel,
         rosgraph_msgs / Clock,
         rosgraph_msgs / Log,
         sensor_msgs / CameraInfo,
@@ -107,6 +110,11 @@ mod tests {
         );
         check::<rosgraph_msgs::Clock>("rosgraph_msgs/Clock", "a9c97c1d230cfc112e270351a944ee47");
         check::<rosgraph_msgs::Log>("rosgraph_msgs/Log", "acffd30cd6b6de30f120938c17c593fb");
+        check::<roscpp::GetLoggers>("roscpp/GetLoggers", "32e97e85527d4678a8f9279894bb64b0");
+        check::<roscpp::SetLoggerLevel>(
+            "roscpp/SetLoggerLevel",
+            "51da076440d78ca1684d36c868df61ea",
+        );
         check::<std_srvs::SetBool>("std_srvs/SetBool", "09fb03525b03e7ea1fd3992bafd87e16");
         check::<std_srvs::Trigger>("std_srvs/Trigger", "937c9679a518e3a18d831e57125ea522");
     }

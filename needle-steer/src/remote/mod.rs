@@ -20,6 +20,7 @@ use std::time::Instant;
 
 use hal::request::Request;
 use hal::{ArmState, Overlay, StereoFrame, Telemetry};
+use rosbridge::Severity;
 
 pub(crate) use budget::Budget;
 pub(crate) use feed::{Due, Feed, FeedRates, Scene, Show};
@@ -39,8 +40,8 @@ pub(crate) trait Interface {
     /// What is asked next.
     fn poll(&mut self) -> Option<Request>;
 
-    /// Says something to all; whether that is on standard error, too.
-    fn warn(&mut self, text: &str) -> bool;
+    /// Says something to all who are told so much; whether that is on standard error, too.
+    fn say(&mut self, severity: Severity, text: &str) -> bool;
 }
 
 /// Lets the run's thread go before the calling one, where the system can: on Linux a thread has a priority

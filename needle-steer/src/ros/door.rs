@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use hal::frame::{ArmBase, Frame, NeedleBase, World};
 use hal::request::Request;
+use hal::telemetry::Phase;
 use hal::{ArmState, Overlay, StereoFrame, Telemetry};
 use rosbridge::bridge::{Bridge, BridgeOptions, CameraModel, Described, Frames, Rates};
-use rosbridge::{Node, NodeError};
+use rosbridge::{Node, NodeError, Severity};
 use vision::StereoRig;
 use vision::camera::Camera;
 
@@ -21,6 +22,8 @@ use crate::rig;
 pub(crate) struct Door {
     node: Node,
     bridge: Bridge,
+    /// The phase that was said last.
+    phase: Phase,
     /// Whether the images are this node's to show.
     shows_images: bool,
 }
@@ -49,8 +52,16 @@ impl Door {
                 markers_hz: config.ros.markers_hz,
             },
         };
+        let bridge = Bridge::new(&link.node, options)?;
+        let (law, seed) = (&config.run.law, config.run.seed);
+        let text = format!(
+            "needle-steer {} is up: law {law}, seed {seed}",
+            crate::VERSION
+        );
+        link.node.say(Severity::Info, &text);
         Ok(Self {
-            bridge: Bridge::new(&link.node, options)?,
+            bridge,
+            phase: Phase::Idle,
             node: link.node.clone(),
             shows_images: match config.run.backend {
                 Backend::Sim => true,
@@ -63,6 +74,10 @@ impl Door {
 
 impl Interface for Door {
     fn show(&mut self, telemetry: &Arc<Telemetry>) {
+        if telemetry.phase != self.phase {
+            self.phase = telemetry.phase;
+            self.say(Severity::Info, &format!("phase: {:?}", telemetry.phase));
+        }
         self.bridge.show(Arc::clone(telemetry));
     }
 
@@ -84,8 +99,8 @@ impl Interface for Door {
     }
 
     /// On `/rosout` and on standard error.
-    fn warn(&mut self, text: &str) -> bool {
-        self.node.warn(text);
+    fn say(&mut self, severity: Severity, text: &str) -> bool {
+        self.node.say(severity, text);
         true
     }
 }

@@ -12,8 +12,8 @@ use hal::request::{Command, Request};
 use hal::telemetry::{Phase, Telemetry, Tracking, TruthReport};
 use hal::{ArmState, Overlay, Position, StereoFrame};
 use nalgebra::Point3;
-use rosbridge::NodeError;
 use rosbridge::motion::Hand;
+use rosbridge::{NodeError, Severity};
 
 use vision::camera::View;
 use vision::track::Tracked;
@@ -130,13 +130,14 @@ impl Session {
     /// and for another target where that which it has is refused. The reason is said.
     pub fn waits(&mut self, config: &Config, rig: &mut Rig) -> bool {
         if !config.autostarts() {
+            self.tell(Severity::Info, "waiting for a start");
             return true;
         }
         match check_target(config, rig, self.target) {
             Err(refused @ RunError::Target(_)) if config.stays() && !config.run.dry_run => {
-                self.warn(&format!(
-                    "{refused}; the insertion waits for another one, then for a start"
-                ));
+                let text =
+                    format!("{refused}; the insertion waits for another one, then for a start");
+                self.say(Severity::Warning, &text);
                 true
             }
             // The start itself says what else there is.
@@ -197,15 +198,20 @@ impl Session {
     }
 
     /// Says something to all, and on standard error.
-    fn warn(&mut self, text: &str) {
-        let mut said = false;
-        for interface in &mut self.interfaces {
-            said |= interface.warn(text);
-        }
-        if !said {
+    fn say(&mut self, severity: Severity, text: &str) {
+        if !self.tell(severity, text) {
             // Nothing can be done about a closed stderr.
             let _ = writeln!(std::io::stderr(), "{text}");
         }
+    }
+
+    /// Says something to all; whether that is on standard error, too.
+    fn tell(&mut self, severity: Severity, text: &str) -> bool {
+        let mut said = false;
+        for interface in &mut self.interfaces {
+            said |= interface.say(severity, text);
+        }
+        said
     }
 
     /// What is asked next.
@@ -230,6 +236,7 @@ impl Session {
             };
             self.show(&last);
         }
+        self.tell(of_end(ended.is_success()), &ended.to_string());
     }
 
     /// Shows how a withdrawal ended.
@@ -242,8 +249,7 @@ impl Session {
             };
             self.show(&last);
         }
-        // Nothing can be done about a closed stderr.
-        let _ = writeln!(std::io::stderr(), "{verdict}");
+        self.say(of_end(verdict.is_success()), &verdict.to_string());
     }
 
     /// Answers what is asked of a running insertion.
@@ -320,6 +326,15 @@ impl Session {
         for interface in &mut self.interfaces {
             interface.show_images(pair, &overlay);
         }
+    }
+}
+
+/// How much it matters that something has ended.
+const fn of_end(success: bool) -> Severity {
+    if success {
+        Severity::Info
+    } else {
+        Severity::Error
     }
 }
 

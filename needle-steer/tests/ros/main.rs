@@ -18,6 +18,7 @@ mod messages;
 mod master;
 mod picture;
 mod services;
+mod speech;
 mod targets;
 mod velocity_arm;
 mod withdraw;

@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 
 use crate::convert::{self, ConvertError};
 use crate::msg::{geometry_msgs, std_msgs, std_srvs};
-use crate::seam::{Inlet, Node, NodeError, Outlet, Service, WeakNode};
+use crate::seam::{Inlet, Node, NodeError, Outlet, Service, Severity, WeakNode};
 
 /// Topic of new targets (`geometry_msgs/PointStamped`).
 const TARGET: &str = "target";
@@ -81,20 +81,33 @@ impl<'a> Requests<'a> {
 
     /// Offers a service that requests `command`.
     pub(crate) fn trigger(&self, name: &str, command: Command) -> Result<(), NodeError> {
-        let sender = self.sender.clone();
+        let (sender, answered) = (self.sender.clone(), self.answered(name));
         Service::open::<std_srvs::Trigger>(self.node, name, move |_| {
             let (success, message) = ask(&sender, command);
+            answered(success, &message);
             Ok(std_srvs::TriggerRes { success, message })
         })
     }
 
     /// Offers a service that allows or forbids motion.
     pub(crate) fn enable(&self, name: &str) -> Result<(), NodeError> {
-        let sender = self.sender.clone();
+        let (sender, answered) = (self.sender.clone(), self.answered(name));
         Service::open::<std_srvs::SetBool>(self.node, name, move |request| {
             let (success, message) = ask(&sender, Command::Enable(request.data));
+            answered(success, &message);
             Ok(std_srvs::SetBoolRes { success, message })
         })
+    }
+
+    /// Says what the service `name` answered, for who looks for it.
+    fn answered(&self, name: &str) -> impl Fn(bool, &str) + Send + Sync + 'static {
+        let (node, name) = (self.node.downgrade(), name.to_owned());
+        move |success, message| {
+            if let Some(node) = node.upgrade() {
+                let verdict = if success { "accepted" } else { "refused" };
+                node.say(Severity::Debug, &format!("{name} {verdict}: {message}"));
+            }
+        }
     }
 
     /// Listens for targets in the stereo frame or in the world; what becomes of one is said.

@@ -59,7 +59,8 @@ impl Life {
             while stopped.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
                 if !ros.is_ok() {
                     let name = ros.name().to_owned();
-                    life.end(&Self::usurper(&ros).unwrap_or(NodeEnd::Shutdown { name }));
+                    let usurper = Self::usurper(&ros).ok().flatten();
+                    life.end(&usurper.unwrap_or(NodeEnd::Shutdown { name }));
                     return;
                 }
             }
@@ -68,10 +69,14 @@ impl Life {
     }
 
     /// The end by another node of the same name, if the master knows one.
-    pub(super) fn usurper(ros: &Ros) -> Option<NodeEnd> {
+    ///
+    /// # Errors
+    /// The master does not answer.
+    pub(super) fn usurper(ros: &Ros) -> std::io::Result<Option<NodeEnd>> {
         let name = ros.name().to_owned();
         let uri = lookup::node_uri(&resolve::master(), &name, &name)?;
-        (uri != ros.uri()).then_some(NodeEnd::Replaced { name, uri })
+        let other = uri.filter(|uri| *uri != ros.uri());
+        Ok(other.map(|uri| NodeEnd::Replaced { name, uri }))
     }
 
     /// The node has ended; only the first reason counts.

@@ -1,7 +1,7 @@
 //! Questions to the master that rosrust does not ask: under which address it knows a node. With a
 //! deadline of their own.
 
-use std::io::{Read, Write};
+use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
@@ -10,40 +10,42 @@ const DEADLINE: Duration = Duration::from_millis(500);
 /// Longest answer that is read.
 const LONGEST: u64 = 64 * 1024;
 
-/// The address of a node's own server, as the master knows it; nothing if it knows no such node,
-/// or does not answer.
-pub(super) fn node_uri(master: &str, caller: &str, node: &str) -> Option<String> {
+/// The address of a node's own server, as the master knows it; nothing if it knows no such node.
+///
+/// # Errors
+/// The master does not answer.
+pub(super) fn node_uri(master: &str, caller: &str, node: &str) -> io::Result<Option<String>> {
     let body = format!(
         "<?xml version=\"1.0\"?><methodCall><methodName>lookupNode</methodName><params>\
          <param><value><string>{caller}</string></value></param>\
          <param><value><string>{node}</string></value></param></params></methodCall>"
     );
-    let host = host(master)?;
+    let host = host(master).ok_or(io::ErrorKind::InvalidInput)?;
     let mut stream = connect(host)?;
     let request = format!(
         "POST /RPC2 HTTP/1.0\r\nHost: {host}\r\nContent-Type: text/xml\r\n\
          Content-Length: {}\r\n\r\n{body}",
         body.len()
     );
-    stream.write_all(request.as_bytes()).ok()?;
+    stream.write_all(request.as_bytes())?;
     let mut answer = String::new();
-    stream.take(LONGEST).read_to_string(&mut answer).ok()?;
-    address(&answer)
+    stream.take(LONGEST).read_to_string(&mut answer)?;
+    Ok(address(&answer))
 }
 
 /// Whether something listens at the address of a node.
 pub(super) fn is_alive(uri: &str) -> bool {
-    host(uri).and_then(connect).is_some()
+    host(uri).is_some_and(|host| connect(host).is_ok())
 }
 
-fn connect(host: &str) -> Option<TcpStream> {
+fn connect(host: &str) -> io::Result<TcpStream> {
     let stream = host
-        .to_socket_addrs()
-        .ok()?
-        .find_map(|address| TcpStream::connect_timeout(&address, DEADLINE).ok())?;
-    stream.set_read_timeout(Some(DEADLINE)).ok()?;
-    stream.set_write_timeout(Some(DEADLINE)).ok()?;
-    Some(stream)
+        .to_socket_addrs()?
+        .find_map(|address| TcpStream::connect_timeout(&address, DEADLINE).ok())
+        .ok_or(io::ErrorKind::ConnectionRefused)?;
+    stream.set_read_timeout(Some(DEADLINE))?;
+    stream.set_write_timeout(Some(DEADLINE))?;
+    Ok(stream)
 }
 
 /// Host and port of `http://host:port/`.

@@ -10,6 +10,7 @@ mod lookup;
 mod outlet;
 mod service;
 mod sockets;
+mod speech;
 mod watch;
 
 use std::ffi::OsString;
@@ -29,13 +30,13 @@ use life::Life;
 pub use life::NodeEnd;
 pub(crate) use outlet::Outlet;
 pub(crate) use service::Service;
+pub use speech::Severity;
+use speech::Speech;
 use watch::Watch;
 
 /// Longest wait for the master at the start, and at the end.
 const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
 const SHUTDOWN_DEADLINE: Duration = Duration::from_secs(2);
-/// Level of a warning on `/rosout`.
-const WARN: i8 = 4;
 /// What stands for the origin of a simulated clock.
 const FIRST: Stamp = Stamp::from_nanos(1);
 
@@ -146,6 +147,7 @@ struct Inner {
     watch: Watch,
     life: Life,
     clock: NodeClock,
+    speech: Arc<Speech>,
     doubts: Mutex<Vec<(String, Doubt)>>,
 }
 
@@ -216,7 +218,8 @@ impl NodeClock {
 impl Node {
     /// Registers a node with the master that the environment names (`ROS_MASTER_URI`).
     ///
-    /// Takes at most 5 s.
+    /// Takes at most 5 s for the node and 5 s for each of the services that every node has
+    /// (`~get_loggers`, `~set_logger_level`).
     ///
     /// # Errors
     /// No master, a master that does not answer, or a node open to other machines that should
@@ -250,20 +253,31 @@ impl Node {
         let parts = Arc::<Parts>::default();
         let life = Life::default();
         life.watch(Arc::clone(&ros));
-        Ok(Self {
+        let clock = NodeClock {
+            started: (started, Instant::now()),
+            base: options.time,
+            told: Arc::default(),
+        };
+        let speech = Arc::new(Speech::new(ros.name(), clock.clone()));
+        let watch = Watch::start(
+            Arc::clone(&ros),
+            Arc::clone(&parts),
+            life.clone(),
+            Arc::clone(&speech),
+        );
+        let node = Self {
             inner: Arc::new(Inner {
-                watch: Watch::start(Arc::clone(&ros), Arc::clone(&parts), life.clone()),
+                watch,
                 life,
                 ros,
                 parts,
-                clock: NodeClock {
-                    started: (started, Instant::now()),
-                    base: options.time,
-                    told: Arc::default(),
-                },
+                clock,
+                speech: Arc::clone(&speech),
                 doubts: Mutex::default(),
             }),
-        })
+        };
+        speech.open(&node)?;
+        Ok(node)
     }
 
     /// Has `/diagnostics` ask a device what it waits for. `doubt` is not to hold this node.
@@ -309,11 +323,15 @@ impl Node {
         self.inner.life.on_end(Box::new(listener));
     }
 
-    /// Says something on `/rosout` and on standard error.
+    /// Says something on `/rosout` and on standard error, unless it matters less than what is said at
+    /// present (`~set_logger_level`).
+    pub fn say(&self, severity: Severity, text: &str) {
+        self.inner.speech.say(severity, text);
+    }
+
+    /// Says a warning.
     pub fn warn(&self, text: &str) {
-        self.inner
-            .ros
-            .log(WARN, text.to_owned(), env!("CARGO_PKG_NAME"), 0);
+        self.say(Severity::Warning, text);
     }
 
     /// The name of a topic as the master knows it.
@@ -336,7 +354,7 @@ impl Node {
             let master = resolve::master();
             let is_alive = |name: &String| {
                 lookup::node_uri(&master, ros.name(), name)
-                    .is_some_and(|uri| lookup::is_alive(&uri))
+                    .is_ok_and(|uri| uri.is_some_and(|uri| lookup::is_alive(&uri)))
             };
             Some(
                 names

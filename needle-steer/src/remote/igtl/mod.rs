@@ -21,6 +21,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use hal::request::{Request, Verdict};
 use hal::{ArmState, Overlay, Stamp, StereoFrame, Telemetry};
 use igtl::Message;
+use rosbridge::Severity;
 
 use super::address::{AddressError, resolve};
 use super::mailbox::mailbox;
@@ -174,8 +175,11 @@ impl Interface for Server {
         self.mailbox.poll()
     }
 
-    fn warn(&mut self, text: &str) -> bool {
-        self.feed.warning(text);
+    /// Warnings: phase and verdict are in what is shown.
+    fn say(&mut self, severity: Severity, text: &str) -> bool {
+        if severity == Severity::Warning {
+            self.feed.warning(text);
+        }
         false
     }
 }

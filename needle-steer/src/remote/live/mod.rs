@@ -15,6 +15,7 @@ use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema};
 use foxglove::{WebSocketServer, WebSocketServerHandle};
 use hal::request::Request;
 use hal::{ArmState, Overlay, Stamp, StereoFrame, Telemetry};
+use rosbridge::Severity;
 use rosbridge::stream::{MESSAGE_ENCODING, SCHEMA_ENCODING, Stream, Topic};
 
 use super::address::{AddressError, resolve};
@@ -181,8 +182,9 @@ impl Interface for Server {
         self.mailbox.poll()
     }
 
-    fn warn(&mut self, text: &str) -> bool {
-        if let Some(feed) = &self.feed {
+    /// Warnings: phase and verdict are in what is shown.
+    fn say(&mut self, severity: Severity, text: &str) -> bool {
+        if let (Severity::Warning, Some(feed)) = (severity, &self.feed) {
             feed.warning(text);
         }
         false
