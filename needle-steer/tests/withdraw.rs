@@ -189,10 +189,10 @@ impl Controller {
         let output = needle_steer(&["run", "--dry-run", "--sensor", "shape"]);
         let mut joints = joints_of(&output);
         joints[2] += aside;
-        let joints = joints.map(|q| q.to_string()).join(",");
+        let joints = joints.map(|q| q.to_degrees().to_string()).join(",");
         let mut process = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
             .args(["emulate", "viper", "--motion-port=0", "--state-port=0"])
-            .arg(format!("--joints={joints}"))
+            .arg(format!("--joints-deg={joints}"))
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()

@@ -230,6 +230,14 @@ impl SimulatedArm {
         self.lock().clear(fault);
     }
 
+    /// Forgets a fault, as the driver's `reset` does.
+    ///
+    /// # Errors
+    /// A cause is still there, or the arm still moves.
+    pub fn reset(&self) -> Result<(), Refusal> {
+        self.lock().reset()
+    }
+
     pub(crate) fn lock(&self) -> MutexGuard<'_, World> {
         // A panic elsewhere must not keep anybody from stopping the arm.
         self.world.lock().unwrap_or_else(PoisonError::into_inner)

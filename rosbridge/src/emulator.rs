@@ -7,6 +7,7 @@
 
 mod lab;
 
+use std::collections::VecDeque;
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -28,12 +29,40 @@ const AGE_LIMIT: Duration = Duration::from_millis(100);
 /// Velocities that came over ROS, and when.
 type Newest = Arc<Mutex<Option<(Stamp, Joints)>>>;
 
+/// What keeps an arm's reports (`joint_states`, `robot_status`) from arriving on the wall clock. Clones are
+/// the same; it may be changed at any time.
+#[derive(Clone, Debug, Default)]
+pub struct Reports(Arc<Mutex<Delivery>>);
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Delivery {
+    silent: bool,
+    late: Duration,
+}
+
+impl Reports {
+    /// Whether none arrive.
+    pub fn silence(&self, silent: bool) {
+        lock(&self.0).silent = silent;
+    }
+
+    /// They arrive later by `late`, stamped with when they were true.
+    pub fn delay(&self, late: Duration) {
+        lock(&self.0).late = late;
+    }
+}
+
+/// A report under way, and when it was made.
+type Report = (Stamp, sensor_msgs::JointState, industrial_msgs::RobotStatus);
+
 /// The topics of an arm and, where there are some, of its cameras.
 pub struct ArmNode {
     clock: NodeClock,
     joint_names: Vec<String>,
     joint_states: Outlet<sensor_msgs::JointState>,
     robot_status: Outlet<industrial_msgs::RobotStatus>,
+    reports: Reports,
+    under_way: VecDeque<Report>,
     cameras: Option<[CameraOutlet; 2]>,
     newest: Newest,
     hand: Hand,
@@ -85,6 +114,8 @@ impl ArmNode {
             clock: node.clock(),
             joint_states: Outlet::new(node, "joint_states", 10, false)?,
             robot_status: Outlet::new(node, "robot_status", 10, false)?,
+            reports: Reports::default(),
+            under_way: VecDeque::new(),
             hand: Hand::new(node, &joint_names)?,
             to_rates: Box::new(|q, _, _| q.zeroed()),
             joint_names,
@@ -106,6 +137,11 @@ impl ArmNode {
         self
     }
 
+    /// What may keep the reports from arriving.
+    pub fn reports(&self) -> Reports {
+        self.reports.clone()
+    }
+
     /// Lets twists on `twist_cmd` move the arm; without kinematics they do not.
     #[must_use]
     pub fn with_kinematics(mut self, to_rates: Box<ToRates>) -> Self {
@@ -122,9 +158,24 @@ impl ArmNode {
         self.answer(arm);
         self.command(arm, now)?;
         let state = arm.state()?;
-        self.joint_states.send(self.feedback(&state));
-        self.robot_status.send(self.status(&state));
+        let made = self.clock.now();
+        let report = (made, self.feedback(&state), self.status(&state));
+        self.under_way.push_back(report);
+        self.deliver();
         Ok(())
+    }
+
+    /// Sends the reports that are due.
+    fn deliver(&mut self) {
+        let Delivery { silent, late } = *lock(&self.reports.0);
+        let now = self.clock.now();
+        let is_due = |(made, ..): &Report| now.since(*made) >= late;
+        while self.under_way.front().is_some_and(is_due) {
+            if let (Some((_, joints, status)), false) = (self.under_way.pop_front(), silent) {
+                self.joint_states.send(joints);
+                self.robot_status.send(status);
+            }
+        }
     }
 
     /// Answers services.

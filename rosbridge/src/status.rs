@@ -34,10 +34,15 @@ pub(crate) fn of_arm(header: Header, mode: ArmMode) -> RobotStatus {
     };
     let stopped = fault == Some(FaultReason::EmergencyStop);
     let unpowered = fault == Some(FaultReason::DrivesOff);
+    let manual = fault == Some(FaultReason::NotAutomatic);
     RobotStatus {
         header,
         mode: RobotMode {
-            val: RobotMode::AUTO,
+            val: if manual {
+                RobotMode::MANUAL
+            } else {
+                RobotMode::AUTO
+            },
         },
         e_stopped: truth(stopped),
         drives_powered: truth(!stopped && !unpowered),
@@ -60,6 +65,7 @@ mod tests {
         for (fault, told) in [
             (FaultReason::EmergencyStop, FaultReason::EmergencyStop),
             (FaultReason::DrivesOff, FaultReason::DrivesOff),
+            (FaultReason::NotAutomatic, FaultReason::NotAutomatic),
             (FaultReason::TrackingError, FaultReason::ControllerError),
         ] {
             assert_eq!(through(ArmMode::Faulted(fault)), Some(told));

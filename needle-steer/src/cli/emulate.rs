@@ -14,7 +14,7 @@ use robots::viper::{Dialect, Emulator};
 
 use super::Usage;
 use super::arm::numbers;
-use super::faults;
+use super::faults::{self, Laboratory, Viper};
 use super::run::interrupt_flag;
 use crate::clock::WallTime;
 use crate::config::{self, Config, quoted};
@@ -37,6 +37,9 @@ pub(super) struct RosArgs {
     /// Change one key of the configuration: key=value, the value in TOML.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// What sees the needle: images, shape, em [default: run.sensor, images].
+    #[arg(long)]
+    sensor: Option<String>,
     /// Preset of the phantom.
     #[arg(long)]
     phantom: Option<String>,
@@ -75,17 +78,14 @@ pub(super) struct ViperArgs {
     /// Port of the feedback; the program's own by default, 0 for any.
     #[arg(long)]
     state_port: Option<u16>,
-    /// Where the arm stands [rad], comma-separated.
-    #[arg(long, default_value = "0,-1.2,2.8,0,1.5,0", allow_hyphen_values = true)]
-    joints: String,
-    /// The same [deg], as runs print it.
+    /// Where the arm stands [deg], comma-separated, as runs print it.
     #[arg(
         long,
         value_name = "JOINTS",
-        allow_hyphen_values = true,
-        conflicts_with = "joints"
+        default_value = "0,-70,160,0,85,0",
+        allow_hyphen_values = true
     )]
-    joints_deg: Option<String>,
+    joints_deg: String,
 }
 
 pub(super) fn execute(command: &EmulateCommand) -> anyhow::Result<ExitCode> {
@@ -99,8 +99,10 @@ fn ros(args: &RosArgs) -> anyhow::Result<ExitCode> {
     let mut overrides = args.set.clone();
     overrides.push("run.backend='ros'".into());
     overrides.extend(args.seed.map(|seed| format!("run.seed={seed}")));
-    let phantom = args.phantom.as_ref();
-    overrides.extend(phantom.map(|name| format!("run.phantom={}", quoted(name))));
+    let named = [("run.sensor", &args.sensor), ("run.phantom", &args.phantom)];
+    for (key, name) in named {
+        overrides.extend(name.as_ref().map(|name| format!("{key}={}", quoted(name))));
+    }
     if args.lockstep {
         overrides.push("ros.clock='simulated'".into());
     }
@@ -112,26 +114,25 @@ fn ros(args: &RosArgs) -> anyhow::Result<ExitCode> {
     } else {
         Watchdog::Stops
     };
-    crate::ros::serve(&config, watchdog, &controls, |_| {
+    let mut listening = Ok(());
+    crate::ros::serve(&config, watchdog, &controls, |arm, reports| {
         // Nobody may be listening.
         let _ = writeln!(std::io::stdout(), "ready");
+        if !args.lockstep {
+            listening = faults::listen(Laboratory::new(arm, reports));
+        }
     })?;
-    Ok(ExitCode::SUCCESS)
+    Ok(listening.map(|()| ExitCode::SUCCESS)?)
 }
 
-/// Refuses a place in which the Viper cannot stand.
+/// Refuses a place \[deg\] in which the Viper cannot stand.
 fn check_limits(joints: &[f64]) -> Result<(), Usage> {
     let chain = rig::chain(&Config::default()).map_err(|e| Usage(e.to_string()))?;
     for (k, (x, limits)) in joints.iter().zip(chain.limits()).enumerate() {
-        let (x, from, to) = (
-            x.to_degrees(),
-            limits.lower.to_degrees(),
-            limits.upper.to_degrees(),
-        );
-        if !(from..=to).contains(&x) {
+        let [from, to] = [limits.lower, limits.upper].map(f64::to_degrees);
+        if !(from..=to).contains(x) {
             return Err(Usage(format!(
-                "joint {}: {x:.1} deg, expected {from:.1} to {to:.1} deg (--joints takes radians, \
-                 --joints-deg degrees)",
+                "--joints-deg, joint {}: {x:.1} deg, expected {from:.1} to {to:.1} deg",
                 k + 1
             )));
         }
@@ -144,14 +145,9 @@ fn viper(args: &ViperArgs) -> anyhow::Result<ExitCode> {
         Program::Steer => (Dialect::Steer, [11_010, 11_012]),
         Program::Adept2018 => (Dialect::Adept2018, [11_000, 11_002]),
     };
-    let start = match &args.joints_deg {
-        Some(degrees) => numbers(degrees, 6, "--joints-deg")?
-            .iter()
-            .map(|x| x.to_radians())
-            .collect(),
-        None => numbers(&args.joints, 6, "--joints")?,
-    };
-    check_limits(&start)?;
+    let degrees = numbers(&args.joints_deg, 6, "--joints-deg")?;
+    check_limits(&degrees)?;
+    let start: Vec<f64> = degrees.iter().map(|x| x.to_radians()).collect();
     let start = Joints::from_slice(&start).map_err(|e| Usage(e.to_string()))?;
     let ports = [
         args.motion_port.unwrap_or(ports[0]),
@@ -177,8 +173,7 @@ fn viper(args: &ViperArgs) -> anyhow::Result<ExitCode> {
         server.motion,
         server.state
     )?;
-    writeln!(std::io::stderr(), "{}", faults::HELP)?;
-    faults::listen(emulator)?;
+    faults::listen(Viper(emulator))?;
     interrupted.recv().context("waiting for Ctrl-C")?;
     Ok(ExitCode::SUCCESS)
 }

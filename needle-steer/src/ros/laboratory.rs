@@ -7,7 +7,7 @@ use hal::{Arm, Stamp};
 use robots::kinematics::RateSettings;
 use robots::sim::SimulatedArm;
 use rosbridge::TimeBase;
-use rosbridge::emulator::{ArmNode, LabNode, Seen};
+use rosbridge::emulator::{ArmNode, LabNode, Reports, Seen};
 
 use super::Link;
 use super::{camera_models, to_rates};
@@ -39,11 +39,11 @@ pub fn emulate(
     controls: &Arc<Controls>,
     ready: impl FnOnce(),
 ) -> Result<(), RigBuildError> {
-    serve(config, Watchdog::Stops, controls, |_| ready())
+    serve(config, Watchdog::Stops, controls, |_, _| ready())
 }
 
 /// Serves a laboratory until `controls` are interrupted; calls `ready` when it does, with the arm
-/// that something may be done to.
+/// and its reports, to which something may be done.
 ///
 /// # Errors
 /// The configuration makes no laboratory, there is no master, or the arm fails.
@@ -51,7 +51,7 @@ pub fn serve(
     config: &Config,
     watchdog: Watchdog,
     controls: &Arc<Controls>,
-    ready: impl FnOnce(&SimulatedArm),
+    ready: impl FnOnce(&SimulatedArm, &Reports),
 ) -> Result<(), RigBuildError> {
     let mut config = config.clone();
     config.run.backend = Backend::Sim;
@@ -82,7 +82,7 @@ pub fn serve(
     }
     let mut lab = LabNode::new(&link.node, topics)?;
     show_next(&mut lab, &mut rig, &mut arm, truth.as_ref())?;
-    ready(&simulated);
+    ready(&simulated, &lab.arm.reports());
     let mut shown = Stamp::ZERO;
     while !controls.is_interrupted() {
         if lockstep {

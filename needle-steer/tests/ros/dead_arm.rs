@@ -15,12 +15,7 @@ fn controller(master: &Master, ports: [&str; 2]) -> (Running, [String; 2]) {
     let text = String::from_utf8(output.stderr).unwrap();
     let (_, rest) = text.split_once("joints [").unwrap();
     let (list, _) = rest.split_once(']').unwrap();
-    let radians = list
-        .split(", ")
-        .map(|x| x.parse::<f64>().unwrap().to_radians().to_string())
-        .collect::<Vec<_>>()
-        .join(",");
-    let joints = format!("--joints={radians}");
+    let joints = format!("--joints-deg={}", list.replace(", ", ","));
     let [motion, state] = ports;
     let mut process = start(
         master,

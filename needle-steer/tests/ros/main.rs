@@ -10,6 +10,7 @@
 mod back_end;
 mod dead_arm;
 mod dead_man;
+mod faults;
 mod images;
 mod launch;
 mod lifecycle;

@@ -76,7 +76,7 @@ impl VelocityArm {
 }
 
 /// A node that waits for `~start`.
-fn waiting(master: &Master, more: &[&str]) -> Running {
+pub(crate) fn waiting(master: &Master, more: &[&str]) -> Running {
     let fixed = [
         "run",
         "--backend",

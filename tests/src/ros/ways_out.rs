@@ -24,7 +24,7 @@ fn after_every_kind_of_stop_the_needle_comes_out_over_ros() {
         let laboratory = std::thread::spawn({
             let (config, controls) = (config.clone(), Arc::clone(&controls));
             move || {
-                serve(&config, Watchdog::Stops, &controls, |arm| {
+                serve(&config, Watchdog::Stops, &controls, |arm, _| {
                     give.send(arm.clone()).unwrap();
                 })
                 .unwrap();
