@@ -41,10 +41,10 @@ impl Laboratory {
     }
 }
 
-/// Calls a service until it answers so.
+/// Calls a service until it answers so; a withdrawal on a busy machine takes its time.
 fn comes_to(master: &Master, service: &str, accepted: bool, words: &str) {
     let mut answer = String::new();
-    let came = wait_until(Duration::from_secs(15), || {
+    let came = wait_until(Duration::from_secs(90), || {
         let (success, text) = call(master, service);
         answer = text;
         success == accepted && answer.contains(words)
