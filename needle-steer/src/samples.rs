@@ -1,7 +1,6 @@
 //! Files to try other commands on before there are own ones: boards and a film from the phantom's
 //! cameras, recordings of insertions.
 
-use std::collections::VecDeque;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
@@ -11,7 +10,6 @@ use anyhow::Context;
 use hal::{ArmState, GrayImage, SensedShape, Stamp, StereoFrame, Telemetry};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use nalgebra::Isometry3;
 use phantom::camera::{StereoRig, calibration_boards};
 use vision::files::{StereoFile, stereo_yml};
 use vision::track::Tracked;
@@ -21,6 +19,7 @@ use crate::cameras;
 use crate::config::Config;
 use crate::controls::Controls;
 use crate::observer::Observer;
+use crate::odometry::Odometry;
 use crate::results::save;
 use crate::rig::Rig;
 use crate::run::run;
@@ -136,7 +135,7 @@ pub fn recording(config: &Config, file: &Path) -> anyhow::Result<usize> {
     let mut rig = Rig::new(config)?;
     let mut table = Table {
         bearings: rig.bearings.clone(),
-        feedback: VecDeque::with_capacity(FEEDBACK),
+        odometry: Odometry::new(FEEDBACK),
         next: Stamp::ZERO,
         text: "t_s,base_x_m,base_y_m,base_z_m,base_qx,base_qy,base_qz,base_qw,tip_x_m,tip_y_m,\
                tip_z_m,axis_x,axis_y,axis_z,points_m\n"
@@ -144,14 +143,13 @@ pub fn recording(config: &Config, file: &Path) -> anyhow::Result<usize> {
         rows: 0,
     };
     run(config, &mut rig, &mut table, &Controls::default())?;
-    save(file, |out| Ok(out.write_all(table.text.as_bytes())?))
-        .with_context(|| file.display().to_string())?;
+    save(file, |out| Ok(out.write_all(table.text.as_bytes())?))?;
     Ok(table.rows)
 }
 
 struct Table {
     bearings: Bearings,
-    feedback: VecDeque<(Stamp, Isometry3<f64>)>,
+    odometry: Odometry,
     next: Stamp,
     text: String,
     rows: usize,
@@ -161,20 +159,15 @@ impl Observer for Table {
     fn step(&mut self, _: &Telemetry) {}
 
     fn arm(&mut self, state: &ArmState) {
-        if self.feedback.len() == FEEDBACK {
-            self.feedback.pop_front();
-        }
         let base = base_pose(&self.bearings, state);
-        self.feedback.push_back((state.stamp, base));
+        self.odometry.push(state.stamp, base);
     }
 
     fn inputs(&mut self, _: &ArmState, shape: Option<&SensedShape>) {
         let Some(shape) = shape.filter(|shape| shape.stamp >= self.next) else {
             return;
         };
-        // The base as it was at the exposure.
-        let then = self.feedback.iter().rev();
-        let Some((_, base)) = then.clone().find(|(stamp, _)| *stamp <= shape.stamp) else {
+        let Some(base) = self.odometry.at(shape.stamp) else {
             return;
         };
         self.next = shape.stamp + RECORDING_PERIOD;

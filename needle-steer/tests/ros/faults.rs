@@ -1,36 +1,35 @@
 //! The emulated laboratory's faults as commands: what a run says of each, and that it goes on when
 //! they are gone.
 
-use std::io::{BufRead, BufReader, Lines, Write};
+use std::io::{BufReader, Write};
 use std::process::{ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
 use crate::master::{Master, Running, wait_until};
 use crate::velocity_arm::waiting;
-use crate::{BINARY, among_others, call, phase, signal};
+use crate::{BINARY, among_others, call, phase, ready, signal};
 
 struct Laboratory {
     process: Running,
     orders: ChildStdin,
-    _lines: Lines<BufReader<ChildStdout>>,
+    _said: BufReader<ChildStdout>,
 }
 
 impl Laboratory {
     fn start(master: &Master) -> Self {
         let mut command = Command::new(BINARY);
         master.environment(&mut command);
-        let mut child = command
+        let child = command
             .args(["emulate", "ros", "--sensor", "shape"])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        assert_eq!(lines.next().unwrap().unwrap(), "ready");
+        let mut process = Running(child);
         Self {
-            orders: child.stdin.take().unwrap(),
-            _lines: lines,
-            process: Running(child),
+            _said: ready(&mut process),
+            orders: process.0.stdin.take().unwrap(),
+            process,
         }
     }
 
