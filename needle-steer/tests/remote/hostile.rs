@@ -220,8 +220,19 @@ fn watch_memory(over: &Arc<AtomicBool>, seen: &Arc<Mutex<Vec<u64>>>) -> JoinHand
     })
 }
 
-/// Says to [`clients_of_their_own_process`] how many there are to be, and where.
+/// Says to [`clients_of_their_own_process`] whom they are to trouble.
 const CROWD: &str = "NEEDLE_STEER_TEST_CROWD";
+
+/// Whom the clients of their own process trouble.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Troubled {
+    /// Nobody: there are none.
+    Nobody,
+    /// Another server in their own process: what they cost whoever shares the machine with them.
+    Another,
+    /// The run.
+    Run,
+}
 
 /// The program in which clients of [`fifty_hostile_clients_for_a_minute`] live; does nothing by itself.
 #[test]
@@ -230,17 +241,26 @@ fn clients_of_their_own_process() {
     let Ok(asked) = std::env::var(CROWD) else {
         return;
     };
-    let (n, address) = asked.split_once(' ').unwrap();
     // Until this process is ended.
     let over = Arc::new(AtomicBool::new(false));
-    for client in crowd(n.parse().unwrap(), address.parse().unwrap(), &over) {
-        client.join().unwrap();
+    let trouble = |address| {
+        for client in crowd(50, address, &over) {
+            client.join().unwrap();
+        }
+    };
+    if let Ok(address) = asked.parse() {
+        return trouble(address);
     }
+    let served = configured(&["igtl.serve=true", "igtl.address=\"127.0.0.1:0\""]);
+    let rig = Rig::simulated(&served, Pace::Free).unwrap();
+    let session = Session::open(&served, None, &rig, &Arc::default()).unwrap();
+    trouble(session.unwrap().igtl().unwrap().0);
 }
 
-/// `n` clients in a process of their own until `over`. Its lowest priority is for the machines that
-/// clients have to themselves elsewhere.
-fn crowd_elsewhere(n: usize, address: SocketAddr, over: &Arc<AtomicBool>) -> JoinHandle<()> {
+/// Fifty clients in a process of their own until `over`, who trouble `address` or else another server
+/// there. Its lowest priority is for the machines that clients have to themselves elsewhere.
+fn crowd_elsewhere(address: Option<SocketAddr>, over: &Arc<AtomicBool>) -> JoinHandle<()> {
+    let whom = address.map_or("another".to_owned(), |address| address.to_string());
     let mut process = Command::new("nice")
         .args(["-n", "19"])
         .arg(std::env::current_exe().unwrap())
@@ -249,7 +269,7 @@ fn crowd_elsewhere(n: usize, address: SocketAddr, over: &Arc<AtomicBool>) -> Joi
             "--exact",
             "hostile::clients_of_their_own_process",
         ])
-        .env(CROWD, format!("{n} {address}"))
+        .env(CROWD, whom)
         .stdout(Stdio::null())
         .spawn()
         .unwrap();
@@ -263,26 +283,29 @@ fn crowd_elsewhere(n: usize, address: SocketAddr, over: &Arc<AtomicBool>) -> Joi
     })
 }
 
-/// Fifty of them for a minute of wall-clock time, three times, each time after a minute of none: times
-/// of steps, and memory. A measurement, run by hand:
+/// Fifty of them for a minute of wall-clock time, three times, each time after a minute of none and a
+/// minute in which they trouble another server on the same machine: times of steps, and memory. A
+/// measurement, run by hand:
 /// `cargo test --release -p needle-steer --test remote -- --ignored --nocapture fifty`.
 #[test]
-#[ignore = "measures for six minutes"]
+#[ignore = "measures for nine minutes"]
 fn fifty_hostile_clients_for_a_minute() {
     let long = [
         "target.depth_mm=55",
         "target.offset_mm=1",
         "igtl.address=\"127.0.0.1:0\"",
     ];
-    let mut times: BTreeMap<usize, Vec<Duration>> = BTreeMap::new();
-    for clients in [0, 50].repeat(ROUNDS) {
+    let mut times: BTreeMap<Troubled, Vec<Duration>> = BTreeMap::new();
+    for troubled in [Troubled::Nobody, Troubled::Another, Troubled::Run].repeat(ROUNDS) {
         let memory = Arc::default();
         let served = configured(&[&long[..], &["igtl.serve=true"]].concat());
         let pace = Pace::Paced(needle_steer::clock::WallTime::start());
         let (trace, ended, dropped) = carried_out(&served, pace, |address, over| {
             let mut threads = vec![watch_memory(over, &memory)];
-            if clients > 0 {
-                threads.push(crowd_elsewhere(clients, address, over));
+            match troubled {
+                Troubled::Nobody => {}
+                Troubled::Another => threads.push(crowd_elsewhere(None, over)),
+                Troubled::Run => threads.push(crowd_elsewhere(Some(address), over)),
             }
             threads
         });
@@ -290,21 +313,21 @@ fn fifty_hostile_clients_for_a_minute() {
         let settled = &memory[memory.len().min(SETTLED)..];
         let (least, most) = (settled.iter().min(), settled.iter().max());
         eprintln!(
-            "{clients} clients: memory after {SETTLED} s {least:?} to {most:?} kB, {dropped:?}\n{ended}"
+            "trouble for {troubled:?}: memory after {SETTLED} s {least:?} to {most:?} kB, {dropped:?}\n{ended}"
         );
-        times.entry(clients).or_default().extend(trace.times);
+        times.entry(troubled).or_default().extend(trace.times);
         // It grows with the run's own history, by some kilobytes a second.
         assert!(
             most.unwrap_or(&0) - least.unwrap_or(&0) < 16 << 10,
             "{memory:?}"
         );
     }
-    for (clients, mut times) in times {
+    for (troubled, mut times) in times {
         times.sort_unstable();
         let p = |share: usize| times[(times.len() - 1) * share / 100];
         let (half, most) = (p(50), p(99));
         eprintln!(
-            "{clients} clients: {} steps, p50 {half:?}, p99 {most:?}",
+            "trouble for {troubled:?}: {} steps, p50 {half:?}, p99 {most:?}",
             times.len()
         );
     }
