@@ -82,8 +82,14 @@ pub struct EstimatorSettings {
     /// Least standard deviation given to a measured direction: it carries model error \[deg\].
     pub direction_floor_deg: f64,
     /// Compliance of the tip: change of the cut angle by the path's reaction \[deg/N\] (assumed:
-    /// half of what a compliant tip may have; the disturbance carries the rest either way).
+    /// half of what a compliant tip may have; the disturbance carries the rest either way). Where
+    /// measurements say that no tissue holds the tip, the prior of what is estimated then.
     pub tip_compliance_deg_n: f64,
+    /// Standard deviation of that prior \[deg/N\] (assumed).
+    pub tip_compliance_sigma_deg_n: f64,
+    /// Standard deviation of the yielding of a tip that nothing holds: the share of its free way
+    /// that it goes aside with the base, 0 to 1 (assumed).
+    pub tip_yielding_sigma: f64,
     /// Spacing of the path's marks and of the rollout's steps \[mm\].
     pub step_mm: f64,
     /// Period of the stiffness estimation \[s\].
@@ -114,6 +120,8 @@ impl Default for EstimatorSettings {
             start_sigma_mm: 0.3,
             direction_floor_deg: 0.6,
             tip_compliance_deg_n: 5.0,
+            tip_compliance_sigma_deg_n: 4.0,
+            tip_yielding_sigma: 0.3,
             step_mm: 2.0,
             stiffness_period_s: 1.0,
             base_shift_sigma_mm: 0.2,

@@ -161,7 +161,7 @@ impl Plan {
             Column::Phantom => {}
             Column::Null => "none".clone_into(&mut config.run.law),
             Column::Oracle => tell_truth(&mut config)?,
-            Column::SameModel => config.run.plant = PlantKind::Model,
+            Column::SameModel => config.run.plant = PlantKind::Springs,
         }
         Ok(config)
     }
@@ -465,7 +465,7 @@ mod tests {
         };
         let at = |column| plan.config_in(column, &EXPERIMENTS[3], 5).unwrap();
         assert_eq!(at(Column::Null).run.law, "none");
-        assert_eq!(at(Column::SameModel).run.plant, PlantKind::Model);
+        assert_eq!(at(Column::SameModel).run.plant, PlantKind::Springs);
         let oracle = at(Column::Oracle);
         let told = Settings::preset("paper")
             .unwrap()

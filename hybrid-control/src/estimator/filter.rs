@@ -1,29 +1,92 @@
-//! The filter over the tip: position on the path, direction disturbance, bevel vector.
+//! The filter over the tip: position on the path, direction disturbance, bevel vector, and how
+//! the tip answers a lateral force.
 
-use nalgebra::{Matrix2, Matrix2x6, Matrix6, Rotation2, SMatrix, Vector2, Vector6};
+use nalgebra::{Matrix2, Rotation2, SMatrix, SVector, Vector2};
 
 use crate::settings::EstimatorSettings;
 
+/// Numbers in the state.
+const N: usize = 8;
+/// Where the tip's compliance stands in the state.
+const COMPLIANCE: usize = 6;
+/// Where the tip's yielding stands in the state.
+const YIELDING: usize = 7;
+
+/// Largest compliance \[rad/N\]: a tip that no force holds, as far as steps of millimetres show.
+const MOST_COMPLIANT: f64 = 1.5;
+
+/// What the rod says of the tip where it stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct TipState {
+    /// Slope of the shaft at the tip.
+    pub(crate) slope: Vector2<f64>,
+    /// Its derivative by the tip's position \[1/m\].
+    pub(crate) slope_by_position: f64,
+    /// Force of the path on the tip \[N\].
+    pub(crate) force: Vector2<f64>,
+    /// Its derivative by the tip's position \[N/m\].
+    pub(crate) force_by_position: f64,
+    /// What the base's motion across changed of the force, tip held \[N\].
+    pub(crate) force_by_base: Vector2<f64>,
+    /// Lateral force on a tip that bends a needle as much as one radian of cut angle does \[N\].
+    pub(crate) force_of_angle: f64,
+}
+
+/// What a filter takes the tip for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Behaviour {
+    /// Uncut tissue holds it: the path's force turns the cut by a compliance that is told, and the
+    /// base moves it by cutting alone.
+    Held,
+    /// It answers forces, by how much is estimated.
+    Free,
+}
+
 /// Gaussian state: lateral tip position c \[m\], slow direction disturbance b \[rad\], bevel
-/// vector g in the frame of the bevel (along, across) \[rad\].
+/// vector g in the frame of the bevel (along, across) \[rad\], compliance C \[rad/N\], yielding y.
+///
+/// A tip that uncut tissue holds cuts on where it points; a compliant one is turned by the force
+/// F on it; one that yields (1: all) moves aside at once when the base does. The direction of
+/// cutting is `slope + b + g - C F`; of a free tip `slope + b + (1 + C S) g - C F`, with S as
+/// [`TipState::force_of_angle`], so that g means the same curvature, 2 g / lambda, for every C.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Filter {
-    pub(crate) x: Vector6<f64>,
-    pub(crate) p: Matrix6<f64>,
+    pub(crate) x: SVector<f64, N>,
+    pub(crate) p: SMatrix<f64, N, N>,
     prior_size: f64,
+    behaviour: Behaviour,
 }
 
 impl Filter {
-    pub(crate) fn new(position: Vector2<f64>, s: &EstimatorSettings) -> Self {
+    pub(crate) fn new(position: Vector2<f64>, behaviour: Behaviour, s: &EstimatorSettings) -> Self {
         let size = s.cut_angle_deg.to_radians();
         let c = (s.start_sigma_mm * 1e-3).powi(2);
         let b = s.start_disturbance_deg.to_radians().powi(2);
         let along = (size * s.cut_angle_sigma).powi(2);
         let across = (size * s.cut_across_sigma).powi(2);
+        let (compliance, by_force, by_base) = match behaviour {
+            Behaviour::Held => (s.tip_compliance_deg_n, 0.0, 0.0),
+            Behaviour::Free => (
+                s.tip_compliance_deg_n,
+                s.tip_compliance_sigma_deg_n,
+                s.tip_yielding_sigma,
+            ),
+        };
+        let [compliance, by_force] = [compliance, by_force].map(f64::to_radians);
         Self {
-            x: Vector6::new(position.x, position.y, 0.0, 0.0, size, 0.0),
-            p: Matrix6::from_diagonal(&Vector6::new(c, c, b, b, along, across)),
+            x: SVector::from([position.x, position.y, 0.0, 0.0, size, 0.0, compliance, 0.0]),
+            p: SMatrix::from_diagonal(&SVector::from([
+                c,
+                c,
+                b,
+                b,
+                along,
+                across,
+                by_force.powi(2),
+                by_base.powi(2),
+            ])),
             prior_size: size,
+            behaviour,
         }
     }
 
@@ -39,28 +102,57 @@ impl Filter {
         self.x.fixed_rows::<2>(4).into_owned()
     }
 
-    /// The cut advances by `advance` \[m\] while the tip's slope is `slope`, with the bevel at
-    /// `azimuth` \[rad\]; `slope_by_position` is the slope's derivative by the tip's position
-    /// \[1/m\].
+    /// Turn of the cut by a lateral force on the tip \[rad/N\].
+    pub(crate) fn compliance(&self) -> f64 {
+        self.x[COMPLIANCE]
+    }
+
+    /// Share of the way that a tip held by nothing would go aside with the base.
+    pub(crate) fn yielding(&self) -> f64 {
+        self.x[YIELDING]
+    }
+
+    /// The direction that a bevel gives to a tip of this behaviour, for each radian of g.
+    pub(crate) fn bevel_gain(&self, force_of_angle: f64) -> f64 {
+        match self.behaviour {
+            Behaviour::Held => 1.0,
+            Behaviour::Free => 1.0 + self.compliance() * force_of_angle,
+        }
+    }
+
+    /// The base moves across, then the cut advances by `advance` \[m\] with the bevel at
+    /// `azimuth` \[rad\].
     pub(crate) fn propagate(
         &mut self,
         advance: f64,
-        slope: &Vector2<f64>,
-        slope_by_position: f64,
+        tip: &TipState,
         azimuth: f64,
         s: &EstimatorSettings,
     ) {
         let turn = *Rotation2::new(azimuth).matrix();
-        let direction = slope + self.disturbance() + turn * self.bevel();
-        let moved = self.position() + direction * advance;
+        let compliance = self.compliance();
+        let size = self.bevel_gain(tip.force_of_angle);
+        let bevel = turn * self.bevel();
+        let direction = tip.slope + self.disturbance() + bevel * size - tip.force * compliance;
+        let freed = -tip.force_by_base / tip.force_by_position.max(1.0);
+        let moved = self.position() + freed * self.yielding() + direction * advance;
         self.x.fixed_rows_mut::<2>(0).copy_from(&moved);
-        let mut f = Matrix6::identity();
-        let stay = 1.0 + advance * slope_by_position.clamp(-200.0, 0.0);
+        let mut f = SMatrix::<f64, N, N>::identity();
+        let by_force = match self.behaviour {
+            Behaviour::Held => 0.0,
+            Behaviour::Free => (compliance * tip.force_by_position).clamp(0.0, 400.0),
+        };
+        let back = tip.slope_by_position.clamp(-200.0, 0.0) - by_force;
+        let stay = (1.0 + advance * back).max(0.0);
         f.fixed_view_mut::<2, 2>(0, 0)
             .copy_from(&(Matrix2::identity() * stay));
         f.fixed_view_mut::<2, 2>(0, 2)
             .copy_from(&(Matrix2::identity() * advance));
-        f.fixed_view_mut::<2, 2>(0, 4).copy_from(&(turn * advance));
+        f.fixed_view_mut::<2, 2>(0, 4)
+            .copy_from(&(turn * (advance * size)));
+        f.fixed_view_mut::<2, 1>(0, COMPLIANCE)
+            .copy_from(&((bevel * tip.force_of_angle - tip.force) * advance));
+        f.fixed_view_mut::<2, 1>(0, YIELDING).copy_from(&freed);
         self.p = f * self.p * f.transpose();
         let walk =
             |deg_per: f64, over_mm: f64| deg_per.to_radians().powi(2) * advance / (over_mm * 1e-3);
@@ -74,13 +166,13 @@ impl Filter {
         }
     }
 
-    /// Takes in the tip's lateral position \[m\].
-    pub(crate) fn measure_position(&mut self, measured: &Vector2<f64>, sigma: f64) {
-        let mut h = Matrix2x6::zeros();
+    /// Takes in the tip's lateral position \[m\]; how likely it was, as a logarithm.
+    pub(crate) fn measure_position(&mut self, measured: &Vector2<f64>, sigma: f64) -> f64 {
+        let mut h = SMatrix::<f64, 2, N>::zeros();
         h[(0, 0)] = 1.0;
         h[(1, 1)] = 1.0;
         let innovation = measured - self.position();
-        self.update(&h, &innovation, sigma);
+        self.update(&h, &innovation, sigma)
     }
 
     /// Takes in the difference of the measured and the model's slope.
@@ -90,27 +182,34 @@ impl Filter {
         slope_by_position: f64,
         sigma: f64,
     ) {
-        let mut h = Matrix2x6::zeros();
+        let mut h = SMatrix::<f64, 2, N>::zeros();
         h[(0, 0)] = slope_by_position;
         h[(1, 1)] = slope_by_position;
         self.update(&h, difference, sigma);
     }
 
     /// Measurements far outside their spread count less (Huber's weight at four sigma).
-    fn update(&mut self, h: &Matrix2x6<f64>, innovation: &Vector2<f64>, sigma: f64) {
+    fn update(&mut self, h: &SMatrix<f64, 2, N>, innovation: &Vector2<f64>, sigma: f64) -> f64 {
         let spread = h * self.p * h.transpose();
         let expected = (spread.trace() * 0.5 + sigma * sigma).sqrt();
         let excess = (innovation.norm() / (4.0 * expected)).max(1.0);
         let noise = Matrix2::identity() * (sigma * sigma * excess * excess);
         let Some(inverse) = (spread + noise).try_inverse() else {
-            return;
+            return 0.0;
         };
-        let gain: SMatrix<f64, 6, 2> = self.p * h.transpose() * inverse;
+        let likelihood =
+            -0.5 * (innovation.dot(&(inverse * innovation)) - inverse.determinant().ln());
+        let gain: SMatrix<f64, N, 2> = self.p * h.transpose() * inverse;
         self.x += gain * innovation;
-        let keep = Matrix6::identity() - gain * h;
+        let keep = SMatrix::<f64, N, N>::identity() - gain * h;
         self.p = keep * self.p * keep.transpose() + gain * noise * gain.transpose();
         self.p = (self.p + self.p.transpose()) * 0.5;
         self.floor_bevel();
+        if self.behaviour == Behaviour::Free {
+            self.x[COMPLIANCE] = self.x[COMPLIANCE].clamp(0.0, MOST_COMPLIANT);
+            self.x[YIELDING] = self.x[YIELDING].clamp(0.0, 1.0);
+        }
+        likelihood
     }
 
     /// The bevel never counts as weaker than 30 % of its prior: a plan would ask for curvature
@@ -161,14 +260,14 @@ mod tests {
     #[test]
     fn bevel_and_disturbance_separate_after_a_turn() {
         let s = EstimatorSettings::default();
-        let mut filter = Filter::new(Vector2::zeros(), &s);
+        let mut filter = Filter::new(Vector2::zeros(), Behaviour::Held, &s);
         let (g, b) = (Vector2::new(0.022, 0.006), Vector2::new(-0.003, 0.002));
         let mut c = Vector2::zeros();
         for i in 0..1200 {
             let azimuth = if (i / 200) % 2 == 0 { 0.3 } else { 2.5 };
             let d = 0.05e-3;
             c += (Rotation2::new(azimuth) * g + b) * d;
-            filter.propagate(d, &Vector2::zeros(), 0.0, azimuth, &s);
+            filter.propagate(d, &TipState::default(), azimuth, &s);
             filter.measure_position(&c, 0.05e-3);
         }
         assert!((filter.bevel() - g).norm() < 2e-3, "{}", filter.bevel());
@@ -178,7 +277,7 @@ mod tests {
     #[test]
     fn an_outlier_moves_little() {
         let s = EstimatorSettings::default();
-        let mut filter = Filter::new(Vector2::zeros(), &s);
+        let mut filter = Filter::new(Vector2::zeros(), Behaviour::Held, &s);
         for _ in 0..20 {
             filter.measure_position(&Vector2::zeros(), 0.05e-3);
         }

@@ -12,19 +12,20 @@ mod path;
 mod rod;
 mod rollout;
 mod stiffness;
+mod tip;
 
 use hal::Stamp;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 use crate::settings::EstimatorSettings;
 use crate::view::Tip;
-use filter::Filter;
 pub use input::{EstimatorError, Health, Observation, Start};
 use moment::{Moment, advance, azimuth_of, clamp_of, insertion_frame, tip_row};
 use path::CutPath;
 use rod::{Clamp, Rod, RodConstants, Row};
 pub use rollout::Rollout;
 use stiffness::StiffnessFit;
+use tip::TipFilter;
 
 /// A tip farther than this behind the end of its path is no longer held by uncut tissue: where
 /// it is then says nothing about the path \[m\].
@@ -66,6 +67,8 @@ pub struct Estimator {
     /// Measured tip beside its hole while it is drawn back, filtered \[m\]: the tissue is stretched.
     beside_hole: Vector2<f64>,
     observations: u64,
+    /// The tissue moves the tip.
+    carried: bool,
     /// Way of the tip as far as the model moved it, without what measurements changed \[m, World\].
     way: Vector3<f64>,
     start: Start,
@@ -131,9 +134,10 @@ impl Estimator {
         path.set_tip(&tip_row(&tip.coords.xy()));
         let mut moment = Moment {
             stamp: None,
-            filter: Filter::new(tip.coords.xy(), settings),
+            filter: TipFilter::new(tip.coords.xy(), settings),
             path,
             rod: Rod::default(),
+            base,
             clamp,
             azimuth: azimuth_of(&base),
             retracted: 0.0,
@@ -154,9 +158,16 @@ impl Estimator {
             slope_offset: Vector2::zeros(),
             beside_hole: Vector2::zeros(),
             observations: 0,
+            carried: false,
             way: Vector3::zeros(),
             start: *start,
         })
+    }
+
+    /// Whether the tissue carries the tip from now on, as far as the needle alone shows: what its
+    /// motion leaves in the measurements says nothing about how the tip yields to forces.
+    pub fn carry(&mut self, carried: bool) {
+        self.carried = carried;
     }
 
     /// Takes in a measurement, at its own time.
@@ -217,11 +228,11 @@ impl Estimator {
         }
         // It cuts on from where it is.
         let beside = core::mem::take(&mut self.beside_hole);
-        let mut held = m.filter.x.fixed_rows_mut::<2>(0);
-        held += beside;
+        m.filter.shift(&beside);
         m.filter.measure_position(
             &(position.coords.xy() - slope * ahead),
             o.position_sigma.max(LEAST_SIGMA),
+            self.carried,
         );
         if axis.z > 0.3 {
             let difference = Vector2::new(axis.x / axis.z, axis.y / axis.z) - slope;
@@ -253,6 +264,7 @@ impl Estimator {
             present.filter.clone_from(&measured.filter);
             present.path.copy_from(&measured.path);
             present.rod.clone_from(&measured.rod);
+            present.base = measured.base;
             present.clamp = measured.clamp;
             present.azimuth = measured.azimuth;
             present.retracted = measured.retracted;
@@ -283,7 +295,7 @@ impl Estimator {
 
     /// Natural curvature at full bevel effect, 2 gamma / lambda \[1/m\].
     pub fn natural_curvature(&self) -> f64 {
-        2.0 * self.present.filter.bevel().norm() / self.wave_length()
+        2.0 * self.present.filter.ruling().bevel().norm() / self.wave_length()
     }
 
     /// lambda = (4 E I / K)^(1/4) \[m\].
@@ -294,7 +306,7 @@ impl Estimator {
     /// Estimated angle from the nominal bevel direction (-y of the base) to the direction in
     /// which the bevel steers, positive about the needle's z \[rad\].
     pub fn bevel_azimuth(&self) -> f64 {
-        let g = self.present.filter.bevel();
+        let g = self.present.filter.ruling().bevel();
         g.y.atan2(g.x)
     }
 
@@ -305,13 +317,14 @@ impl Estimator {
 
     /// Estimated slow disturbance of the direction of cutting \[rad\].
     pub fn disturbance(&self) -> Vector2<f64> {
-        self.present.filter.disturbance()
+        self.present.filter.ruling().disturbance()
     }
 
     /// Standard deviation of the predicted end of a way of `remaining` \[m\], by what is not known
     /// of the bevel, at its full reach `bevel` \[m\], and of the disturbance, now and to come.
     pub(crate) fn end_sigma(&self, remaining: f64, bevel: f64) -> f64 {
-        let (p, g) = (&self.present.filter.p, self.present.filter.bevel().norm());
+        let filter = self.present.filter.ruling();
+        let (p, g) = (&filter.p, filter.bevel().norm());
         let by_bevel = bevel * (0.5 * (p[(4, 4)] + p[(5, 5)])).max(0.0).sqrt() / g.max(1e-6);
         let fade = self.settings.disturbance_fade_mm * 1e-3;
         let way = fade * (1.0 - (-remaining / fade).exp());
@@ -410,7 +423,7 @@ impl Estimator {
             row[X] = c.x;
             row[Y] = c.y;
         });
-        m.filter.x.fixed_rows_mut::<2>(0).copy_from(tip);
+        m.filter.place(tip);
         m.rod.solve(&self.constants, &m.clamp, &m.path);
     }
 
@@ -430,6 +443,7 @@ impl Estimator {
 
     fn tip(&self, age: f64) -> Tip {
         let m = &self.present;
+        let p = &m.filter.ruling().p;
         let c = if m.retracted > LOOSE {
             in_hole(m) + self.beside_hole
         } else {
@@ -449,7 +463,7 @@ impl Estimator {
                 Translation3::from(position.coords),
                 bend * self.present_base.rotation,
             ),
-            position_sigma: (0.5 * (m.filter.p[(0, 0)] + m.filter.p[(1, 1)])).sqrt(),
+            position_sigma: (0.5 * (p[(0, 0)] + p[(1, 1)])).sqrt(),
             direction_sigma: 0.2_f64.to_radians(),
             age,
         }

@@ -3,11 +3,12 @@
 use hal::Stamp;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 
-use super::filter::Filter;
+use super::filter::TipState;
 use super::path::CutPath;
 use super::rod::{COLUMNS, Clamp, Rod, RodConstants, Row};
 use super::stiffness::StiffnessFit;
-use super::{Start, TIP, X, Y, planar};
+use super::tip::TipFilter;
+use super::{PIVOT, SHIFT, Start, TIP, X, Y, planar};
 use crate::settings::EstimatorSettings;
 
 const _: () = assert!(COLUMNS > TIP);
@@ -16,9 +17,11 @@ const _: () = assert!(COLUMNS > TIP);
 #[derive(Clone, Debug)]
 pub(super) struct Moment {
     pub(super) stamp: Option<Stamp>,
-    pub(super) filter: Filter,
+    pub(super) filter: TipFilter,
     pub(super) path: CutPath,
     pub(super) rod: Rod,
+    /// Pose of the base in the insertion frame.
+    pub(super) base: Isometry3<f64>,
     pub(super) clamp: Clamp,
     pub(super) azimuth: f64,
     /// How far the tip is behind the end of its path \[m\].
@@ -69,6 +72,22 @@ pub(super) fn clamp_of(base: &Isometry3<f64>, gap: Option<f64>, fit: &StiffnessF
     }
 }
 
+/// The tip by a rod solved for the clamp `old`, whose base moves to `new`.
+fn tip_state(rod: &Rod, old: &Clamp, new: &Clamp, constants: &RodConstants) -> TipState {
+    let (slope, force) = (rod.tip_slope(), rod.reaction());
+    // Motion across: what insertion along the old axis does not explain, as pivot and shift.
+    let turned = planar(&new.slope) - planar(&old.slope);
+    let across = planar(&new.w) - planar(&old.w) - planar(&old.slope) * (new.z - old.z);
+    TipState {
+        slope: planar(&slope),
+        slope_by_position: slope[TIP],
+        force: planar(&force),
+        force_by_position: force[TIP],
+        force_by_base: turned * force[PIVOT] + (across - turned * new.z) * force[SHIFT],
+        force_of_angle: constants.force_of_angle(),
+    }
+}
+
 /// Moves a moment to a base pose: the tip cuts on by what the base has inserted.
 pub(super) fn advance(
     m: &mut Moment,
@@ -80,6 +99,9 @@ pub(super) fn advance(
     s: &EstimatorSettings,
 ) {
     let before = m.rod.tip_slope();
+    // What the fit changes of the base is no motion.
+    let old = clamp_of(&m.base, gap, fit);
+    m.base = *base;
     m.clamp = clamp_of(base, gap, fit);
     let azimuth = azimuth_of(base);
     let middle = m.azimuth + 0.5 * crate::tasks::wrap(azimuth - m.azimuth);
@@ -88,9 +110,8 @@ pub(super) fn advance(
         (base.translation.vector.z + length - m.rod.shortening(X, Y) + depth_offset).max(1e-6);
     let step = (depth - m.path.tip_depth()).max(0.0);
     m.retracted = (m.path.tip_depth() - depth).max(0.0);
-    let compliance = s.tip_compliance_deg_n.to_radians();
-    let slope = planar(&before) - planar(&m.rod.reaction()) * compliance;
-    m.filter.propagate(step, &slope, before[TIP], middle, s);
+    let tip = tip_state(&m.rod, &old, &m.clamp, constants);
+    m.filter.propagate(step, &tip, middle, s);
     m.path
         .extend_to(m.path.tip_depth() + step, &tip_row(&m.filter.position()));
     m.path.for_each(|_, row| row[TIP] = 0.0);
@@ -98,7 +119,6 @@ pub(super) fn advance(
     m.rod.solve(constants, &m.clamp, &m.path);
     // Half of the slope's change belongs to this step already.
     let change = (planar(&m.rod.tip_slope()) - planar(&before)) * (0.5 * step);
-    let corrected = m.filter.position() + change;
-    m.filter.x.fixed_rows_mut::<2>(0).copy_from(&corrected);
-    m.path.set_tip(&tip_row(&corrected));
+    m.filter.shift(&change);
+    m.path.set_tip(&tip_row(&m.filter.position()));
 }

@@ -26,6 +26,14 @@ pub(crate) struct RodConstants {
     pub bed: f64,
 }
 
+impl RodConstants {
+    /// Lateral force on the tip that bends the needle as much as one radian of cut angle does,
+    /// 2 E I / lambda^2 \[N/rad\].
+    pub(crate) fn force_of_angle(&self) -> f64 {
+        (self.bending * self.bed).sqrt()
+    }
+}
+
 /// Base of one solve: height over the surface is `-z`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Clamp {

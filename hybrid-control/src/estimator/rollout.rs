@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector2};
 
 use super::path::CutPath;
 use super::rod::{COLUMNS, Rod, Row};
-use super::{Estimator, PIVOT, SHIFT, X, Y, planar};
+use super::{Estimator, PIVOT, SHIFT, TIP, X, Y, planar};
 
 /// Column of unit bevel curvature in a rollout.
 const BEVEL: usize = 4;
@@ -74,10 +74,19 @@ impl Estimator {
         // O is at the goal when the edge is that much deeper.
         let end_depth = goal.z + self.reach;
         out.remaining = (end_depth - start).max(0.0);
-        let compliance = self.settings.tip_compliance_deg_n.to_radians();
+        let filter = m.filter.ruling();
+        let compliance = filter.compliance();
         let spacing = self.settings.step_mm * 1e-3;
         let fade = self.settings.disturbance_fade_mm * 1e-3;
-        let (b, full) = (m.filter.disturbance(), m.filter.bevel().norm());
+        let b = filter.disturbance();
+        let full = filter.bevel().norm() * filter.bevel_gain(self.constants.force_of_angle());
+        // A tip that yields goes aside with the base, at once.
+        let force = m.rod.reaction();
+        let freed = -filter.yielding() / force[TIP].max(1.0);
+        let mut at = *out.path.tip();
+        at[PIVOT] = freed * force[PIVOT];
+        at[SHIFT] = freed * force[SHIFT];
+        out.path.set_tip(&at);
         let mut slope_before: Option<(f64, Row)> = None;
         let limit = if out.remaining.is_finite() { 400 } else { 0 };
         for _ in 0..limit {
@@ -150,7 +159,8 @@ impl Estimator {
         let mut moved = *clamp;
         self.push(&mut moved, step);
         out.rod.solve(&self.constants, &moved, &path);
-        let after = out.rod.tip_slope();
-        core::array::from_fn(|c| 0.5 * (slope[c] + after[c]))
+        let (after, reaction) = (out.rod.tip_slope(), out.rod.reaction());
+        let compliance = self.present.filter.ruling().compliance();
+        core::array::from_fn(|c| 0.5 * (slope[c] + after[c] - compliance * reaction[c]))
     }
 }

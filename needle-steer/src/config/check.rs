@@ -286,6 +286,12 @@ impl Config {
             ("cut_noise_deg", e.cut_noise_deg, 90.0),
             ("direction_floor_deg", e.direction_floor_deg, 90.0),
             ("tip_compliance_deg_n", e.tip_compliance_deg_n, 100.0),
+            (
+                "tip_compliance_sigma_deg_n",
+                e.tip_compliance_sigma_deg_n,
+                100.0,
+            ),
+            ("tip_yielding_sigma", e.tip_yielding_sigma, 1.0),
             ("stiffness_period_s", e.stiffness_period_s, 1e9),
             ("base_shift_sigma_mm", e.base_shift_sigma_mm, 100.0),
             ("base_tilt_sigma_deg", e.base_tilt_sigma_deg, 90.0),

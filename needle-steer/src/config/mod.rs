@@ -87,7 +87,7 @@ impl Config {
     /// The same configuration with nothing but the arm: the controller's own model stands for
     /// needle and tissue, the fast sensor for cameras.
     pub(crate) fn in_air(mut self) -> Self {
-        self.run.plant = PlantKind::Model;
+        self.run.plant = PlantKind::Springs;
         self.run.sensor = SensorKind::Shape;
         self.run.phantom = "ideal".into();
         self.tracker.source = TrackerSource::None;
@@ -174,8 +174,10 @@ pub enum PlantKind {
     /// The phantom: other physics than the controller's model.
     #[default]
     Phantom,
-    /// The controller's own springs model, with the phantom's robot flaws and sensors.
-    Model,
+    /// The controller's own springs model, with the phantom's robot flaws and sensors; `model` is
+    /// its former name.
+    #[serde(alias = "model")]
+    Springs,
 }
 
 /// What closes the loop.

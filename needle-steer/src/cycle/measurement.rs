@@ -55,6 +55,8 @@ impl Cycle {
         self.trace
             .observe(shape.stamp, &tip_at_rest, &axis_at_rest, &self.shaft);
         self.telemetry.model.path_off = self.trace.stretch().unwrap_or(f64::NAN);
+        self.estimator
+            .carry(self.tissue_moves() && !self.tissue.is_marked());
         let health = self.estimator.observe(&Observation {
             stamp: shape.stamp,
             world_from_base: then.map_or(base, |field| field.pose_to_rest(&base)),
