@@ -139,7 +139,7 @@ fn sticky_tissue_stops_the_base_within_three_millimetres_of_the_tip() {
 /// A base that goes far aside has to come closer only for the tip to stay where it is.
 #[test]
 fn a_base_that_goes_far_aside_is_no_stall() {
-    for angle in ["0.0", "135.0", "270.0"] {
+    for angle in ["0.0", "90.0", "270.0"] {
         let angle = format!("target.angle_deg={angle}");
         let summary = insert(&["run.seed=101", "target.offset_mm=20.0", &angle]);
         assert!(summary.ended.is_success(), "{angle}: {summary:?}");
