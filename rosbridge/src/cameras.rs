@@ -8,7 +8,7 @@ use hal::{CameraFrame, Error, ErrorKind, Stamp, StereoCamera, StereoFrame};
 
 use crate::image::{self, Depth, ImageRefused};
 use crate::msg::sensor_msgs;
-use crate::seam::{Inlet, Node, NodeClock, NodeError, Time, lock};
+use crate::seam::{Inlet, Node, NodeClock, NodeError, Quality, Time, lock};
 
 /// Images of one side that wait for their partners.
 const WAITING: usize = 4;
@@ -80,16 +80,26 @@ impl RosCameras {
             };
             let topic = options.topic(side);
             if options.compressed {
-                Inlet::open::<sensor_msgs::CompressedImage>(node, &topic, 2, move |message| {
-                    let frame = image::decompressed(&message, &mut lock(&receiver.depth));
-                    receiver.take(frame, message.header.stamp);
-                })?;
+                Inlet::open::<sensor_msgs::CompressedImage>(
+                    node,
+                    &topic,
+                    Quality::Stream(2),
+                    move |message| {
+                        let frame = image::decompressed(&message, &mut lock(&receiver.depth));
+                        receiver.take(frame, message.header.stamp);
+                    },
+                )?;
             } else {
-                Inlet::open::<sensor_msgs::Image>(node, &topic, 2, move |message| {
-                    let stamp = message.header.stamp;
-                    let frame = image::grey(message, &mut lock(&receiver.depth));
-                    receiver.take(frame, stamp);
-                })?;
+                Inlet::open::<sensor_msgs::Image>(
+                    node,
+                    &topic,
+                    Quality::Stream(2),
+                    move |message| {
+                        let stamp = message.header.stamp;
+                        let frame = image::grey(message, &mut lock(&receiver.depth));
+                        receiver.take(frame, stamp);
+                    },
+                )?;
             }
         }
         let (asked, now) = (Arc::clone(&pairing), clock.clone());

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use crate::msg::{std_msgs, std_srvs};
-use crate::seam::{Inlet, Node, NodeError, Service};
+use crate::seam::{Inlet, Node, NodeError, Quality, Service};
 
 /// Name of the topic (`std_msgs/Empty`) and of the service (`std_srvs/Trigger`).
 pub const DEAD_MAN: &str = "~dead_man";
@@ -17,7 +17,7 @@ pub const DEAD_MAN: &str = "~dead_man";
 pub fn listen(node: &Node, refresh: impl Fn() + Send + Sync + 'static) -> Result<(), NodeError> {
     let by_topic = Arc::new(refresh);
     let by_service = Arc::clone(&by_topic);
-    Inlet::open::<std_msgs::Empty>(node, DEAD_MAN, 1, move |_| by_topic())?;
+    Inlet::open::<std_msgs::Empty>(node, DEAD_MAN, Quality::Stream(1), move |_| by_topic())?;
     Service::open::<std_srvs::Trigger>(node, DEAD_MAN, move |_| {
         by_service();
         Ok(std_srvs::TriggerRes {

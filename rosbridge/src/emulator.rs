@@ -20,7 +20,7 @@ pub use lab::{LabNode, Seen};
 
 use crate::motion::{Hand, ToRates};
 use crate::msg::{industrial_msgs, sensor_msgs, std_msgs};
-use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, lock};
+use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, Quality, lock};
 use crate::{convert, display, status};
 
 /// Age at which velocities are dropped and the arm is stopped.
@@ -94,15 +94,20 @@ impl ArmNode {
         let newest = Newest::default();
         let (arriving, clock, joints) = (Arc::clone(&newest), node.clock(), joint_names.len());
         let topic = "joint_group_velocity_controller/command";
-        Inlet::open::<std_msgs::Float64MultiArray>(node, topic, 1, move |message| {
-            // Anything else than a finite rate for every joint counts as silence.
-            if let Ok(rates) = Joints::from_slice(&message.data)
-                && rates.len() == joints
-                && rates.is_finite()
-            {
-                *lock(&arriving) = Some((clock.now(), rates));
-            }
-        })?;
+        Inlet::open::<std_msgs::Float64MultiArray>(
+            node,
+            topic,
+            Quality::Stream(1),
+            move |message| {
+                // Anything else than a finite rate for every joint counts as silence.
+                if let Ok(rates) = Joints::from_slice(&message.data)
+                    && rates.len() == joints
+                    && rates.is_finite()
+                {
+                    *lock(&arriving) = Some((clock.now(), rates));
+                }
+            },
+        )?;
         let cameras = match cameras {
             Some([left, right]) => Some([
                 CameraOutlet::left(node, left)?,
@@ -112,8 +117,8 @@ impl ArmNode {
         };
         Ok(Self {
             clock: node.clock(),
-            joint_states: Outlet::new(node, "joint_states", 10, false)?,
-            robot_status: Outlet::new(node, "robot_status", 10, false)?,
+            joint_states: Outlet::new(node, "joint_states", Quality::Event(10))?,
+            robot_status: Outlet::new(node, "robot_status", Quality::Event(10))?,
             reports: Reports::default(),
             under_way: VecDeque::new(),
             hand: Hand::new(node, &joint_names)?,

@@ -12,7 +12,7 @@ use crate::codes::Code;
 use crate::convert;
 use crate::msg::needle_steer_lockstep::World;
 use crate::msg::needle_steer_msgs::Shape;
-use crate::seam::{Inlet, Node, NodeError, lock};
+use crate::seam::{Inlet, Node, NodeError, Quality, lock};
 
 /// Topic of the measured shapes (`needle_steer_msgs/Shape`, in the stereo frame).
 pub const SHAPES: &str = "needle/shape";
@@ -35,7 +35,7 @@ impl RosShapes {
     pub fn new(node: &Node) -> Result<Self, NodeError> {
         let sensor = Self::default();
         let (filled, clock) = (sensor.clone(), node.clock());
-        Inlet::open::<Shape>(node, SHAPES, 2, move |message| {
+        Inlet::open::<Shape>(node, SHAPES, Quality::Stream(2), move |message| {
             // Shapes in another frame or with nonsense are none: the sensor stays silent.
             if let Ok(shape) = SensedShape::try_from(&message) {
                 let stamp = clock.run_stamp(message.header.stamp);
@@ -103,7 +103,10 @@ impl Laboratory {
     pub fn new(node: &Node) -> Result<Self, NodeError> {
         let laboratory = Self::default();
         let filled = laboratory.clone();
-        Inlet::open::<World>(node, LABORATORY, 16, move |message| filled.put(&message))?;
+        let quality = Quality::Event(16);
+        Inlet::open::<World>(node, LABORATORY, quality, move |message| {
+            filled.put(&message);
+        })?;
         Ok(laboratory)
     }
 

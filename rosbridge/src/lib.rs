@@ -1,4 +1,4 @@
-//! ROS 1: messages, logs of runs, back end, telemetry.
+//! ROS 1 and, with the feature `ros2`, ROS 2: messages, logs of runs, back end, telemetry.
 //!
 //! Builds with no ROS installed: the message definitions are part of this crate.
 //!
@@ -24,6 +24,8 @@ pub mod aside;
 pub mod bag;
 pub mod bridge;
 pub mod cameras;
+#[cfg(feature = "ros2")]
+mod cdr;
 mod codes;
 pub mod convert;
 pub mod dead_man;
@@ -43,4 +45,6 @@ mod step;
 pub mod stream;
 
 pub use convert::ConvertError;
-pub use seam::{Node, NodeEnd, NodeError, NodeOptions, Severity, TimeBase, plain_arguments};
+pub use seam::{
+    Domain, Node, NodeEnd, NodeError, NodeOptions, Severity, TimeBase, plain_arguments,
+};

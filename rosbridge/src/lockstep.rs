@@ -18,7 +18,7 @@ use crate::image::{self, Depth};
 use crate::laboratory::{LABORATORY, Laboratory, RosShapes};
 use crate::msg::needle_steer_lockstep::{Advance, World};
 use crate::msg::sensor_msgs;
-use crate::seam::{Inlet, Node, NodeClock, Outlet, lock};
+use crate::seam::{Inlet, Node, NodeClock, Outlet, Quality, lock};
 use crate::status;
 
 /// Topic of the controller's answers (`needle_steer_lockstep/Advance`).
@@ -95,7 +95,7 @@ impl Lockstep {
     pub fn open(node: &Node, options: &RosArmOptions) -> Result<Parts, RosArmError> {
         let arm = RosArm::undriven(node, options)?;
         let (filled, states) = sync_channel(16);
-        Inlet::open::<World>(node, LABORATORY, 16, move |message| {
+        Inlet::open::<World>(node, LABORATORY, Quality::Latched(16), move |message| {
             // A full queue: nobody waits for a state now.
             let _ = filled.try_send(message);
         })?;
@@ -105,7 +105,7 @@ impl Lockstep {
             core: arm.core(),
             period: options.description.period,
             next_tick: Stamp::ZERO,
-            advance: Outlet::new(node, ADVANCE, 4, false)?,
+            advance: Outlet::new(node, ADVANCE, Quality::Event(4))?,
             states,
             shapes: RosShapes::default(),
             cameras: LockstepCameras::default(),

@@ -7,7 +7,7 @@ use hal::{Error, MarkerSensor, SensedMarker};
 
 use crate::convert;
 use crate::msg::geometry_msgs;
-use crate::seam::{Inlet, Node, NodeError, lock};
+use crate::seam::{Inlet, Node, NodeError, Quality, lock};
 
 /// Topic of the marker (`geometry_msgs/PointStamped`, in the stereo frame).
 pub const MARKER: &str = "marker";
@@ -27,16 +27,21 @@ impl RosMarker {
     pub fn new(node: &Node, sigma: f64) -> Result<Self, NodeError> {
         let sensor = Self::default();
         let (filled, clock) = (sensor.clone(), node.clock());
-        Inlet::open::<geometry_msgs::PointStamped>(node, MARKER, 2, move |message| {
-            // A marker in another frame, or nowhere, is none: the sensor stays silent.
-            if message.header.frame_id.trim_start_matches('/') == LeftCamera::NAME {
-                filled.put(SensedMarker {
-                    stamp: clock.run_stamp(message.header.stamp),
-                    position: convert::position(&message.point),
-                    sigma,
-                });
-            }
-        })?;
+        Inlet::open::<geometry_msgs::PointStamped>(
+            node,
+            MARKER,
+            Quality::Stream(2),
+            move |message| {
+                // A marker in another frame, or nowhere, is none: the sensor stays silent.
+                if message.header.frame_id.trim_start_matches('/') == LeftCamera::NAME {
+                    filled.put(SensedMarker {
+                        stamp: clock.run_stamp(message.header.stamp),
+                        position: convert::position(&message.point),
+                        sigma,
+                    });
+                }
+            },
+        )?;
         Ok(sensor)
     }
 

@@ -16,7 +16,7 @@ use hal::{ArmState, Joints, Stamp, Twist};
 use crate::arm::skew;
 use crate::convert;
 use crate::msg::{geometry_msgs, trajectory_msgs};
-use crate::seam::{Inlet, Node, NodeClock, NodeError, Time, WeakNode, lock};
+use crate::seam::{Inlet, Node, NodeClock, NodeError, Quality, Time, WeakNode, lock};
 
 /// Topic of the twists.
 pub const TWISTS: &str = "twist_cmd";
@@ -88,22 +88,33 @@ impl Hand {
         let arrived = Arc::<Mutex<Option<(Stamp, Motion)>>>::default();
         let (filled, clock) = (Arc::clone(&arrived), node.clock());
         let gate = Gate::new(node, TWISTS);
-        Inlet::open::<geometry_msgs::TwistStamped>(node, TWISTS, 1, move |message| {
-            if gate.admits(message.header.stamp)
-                && let Some(motion) = twist(&message)
-            {
-                *lock(&filled) = Some((clock.now(), motion));
-            }
-        })?;
+        Inlet::open::<geometry_msgs::TwistStamped>(
+            node,
+            TWISTS,
+            Quality::Stream(1),
+            move |message| {
+                if gate.admits(message.header.stamp)
+                    && let Some(motion) = twist(&message)
+                {
+                    *lock(&filled) = Some((clock.now(), motion));
+                }
+            },
+        )?;
         let (filled, clock) = (Arc::clone(&arrived), node.clock());
         let (names, gate) = (joint_names.to_vec(), Gate::new(node, TRAJECTORIES));
-        Inlet::open::<trajectory_msgs::JointTrajectory>(node, TRAJECTORIES, 1, move |message| {
-            if gate.admits(message.header.stamp)
-                && let Some(motion) = trajectory(&message, &names)
-            {
-                *lock(&filled) = Some((clock.now(), motion));
-            }
-        })?;
+        let quality = Quality::Event(1);
+        Inlet::open::<trajectory_msgs::JointTrajectory>(
+            node,
+            TRAJECTORIES,
+            quality,
+            move |message| {
+                if gate.admits(message.header.stamp)
+                    && let Some(motion) = trajectory(&message, &names)
+                {
+                    *lock(&filled) = Some((clock.now(), motion));
+                }
+            },
+        )?;
         Ok(Self {
             arrived,
             active: None,

@@ -119,6 +119,30 @@ mod tests {
         check::<std_srvs::Trigger>("std_srvs/Trigger", "937c9679a518e3a18d831e57125ea522");
     }
 
+    /// ROS 2 asks for a package before every type, and calls time otherwise; the rest is the same.
+    #[test]
+    fn definitions_for_ros_2_are_the_same() {
+        let folder =
+            |ros: &str| format!("{}/{ros}/needle_steer_msgs/msg", env!("CARGO_MANIFEST_DIR"));
+        let [ones, twos] = ["ros", "ros2"].map(|ros| std::fs::read_dir(folder(ros)).unwrap());
+        assert_eq!(ones.count(), twos.count());
+        for file in std::fs::read_dir(folder("ros")).unwrap() {
+            let file = file.unwrap();
+            let one = std::fs::read_to_string(file.path()).unwrap();
+            let expected: Vec<_> = one
+                .lines()
+                .map(|line| match line.split_once(' ') {
+                    Some(("Header", rest)) => format!("std_msgs/Header {rest}"),
+                    Some(("time", rest)) => format!("builtin_interfaces/Time {rest}"),
+                    _ => line.to_owned(),
+                })
+                .collect();
+            let two = format!("{}/{}", folder("ros2"), file.file_name().to_string_lossy());
+            let two = std::fs::read_to_string(&two).unwrap();
+            assert_eq!(two.lines().collect::<Vec<_>>(), expected, "{file:?}");
+        }
+    }
+
     #[test]
     fn definitions_name_every_type_they_use() {
         let definition = needle_steer_msgs::Step::msg_definition();

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use crate::arm::{Refused, RosArmError};
 use crate::msg::std_msgs::Float64MultiArray;
-use crate::seam::{Inlet, Node, Outlet, lock};
+use crate::seam::{Inlet, Node, Outlet, Quality, lock};
 
 /// How long zeros are sent after velocities have stopped, and at the start.
 const ZEROS: Duration = Duration::from_secs(1);
@@ -71,7 +71,8 @@ impl Relay {
             let topic = output;
             return Err(RosArmError::from(Refused::SecondController { topic, nodes }).into());
         }
-        let velocities = Outlet::new(node, &options.output, 1, false).map_err(RosArmError::from)?;
+        let velocities =
+            Outlet::new(node, &options.output, Quality::Event(1)).map_err(RosArmError::from)?;
         let gate = Arc::new(Mutex::new(Gate::new(options, now())));
         let line = Arc::new(Line {
             node: node.clone(),
@@ -80,11 +81,17 @@ impl Relay {
             gate,
         });
         let forwarding = Arc::downgrade(&line);
-        Inlet::open_named::<Float64MultiArray>(node, &options.input, 1, move |message, from| {
-            if let Some(line) = forwarding.upgrade() {
-                line.forward(message, from);
-            }
-        })
+        let newest = Quality::Stream(1);
+        Inlet::open_named::<Float64MultiArray>(
+            node,
+            &options.input,
+            newest,
+            move |message, from| {
+                if let Some(line) = forwarding.upgrade() {
+                    line.forward(message, from);
+                }
+            },
+        )
         .map_err(RosArmError::from)?;
         let (end, ended) = sync_channel::<()>(1);
         let thread = std::thread::Builder::new()

@@ -4,13 +4,14 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::Command;
 
-pub(crate) const MEMBERS: [&str; 11] = [
+pub(crate) const MEMBERS: [&str; 12] = [
     "hal",
     "needle-model",
     "hybrid-control",
     "vision",
     "robots",
     "phantom",
+    "ros2wire",
     "rosbridge",
     "igtl",
     "needle-steer",
@@ -22,11 +23,12 @@ pub(crate) const MEMBERS: [&str; 11] = [
 fn allowed(member: &str) -> &'static [&'static str] {
     match member {
         "hybrid-control" => &["hal", "needle-model"],
+        // With the feature `ros2`, `rosbridge` may use more: that has its own test.
         "vision" | "robots" | "phantom" | "rosbridge" => &["hal"],
         // The application may use every library; they stand before it.
-        "needle-steer" => &MEMBERS[..8],
+        "needle-steer" => &MEMBERS[..9],
         // A layer over the application.
-        "python" => &MEMBERS[..9],
+        "python" => &MEMBERS[..10],
         _ => &[],
     }
 }
@@ -38,6 +40,10 @@ fn workspace() -> PathBuf {
 /// Members of ours in the tree of `member`, itself excluded. Without `--no-dedupe` a subtree
 /// that was printed before is cut, and an arrow could hide in it.
 fn dependencies(member: &str, edges: &str) -> BTreeSet<String> {
+    tree(member, edges, &[])
+}
+
+fn tree(member: &str, edges: &str, more: &[&str]) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
         .args([
             "tree",
@@ -48,6 +54,7 @@ fn dependencies(member: &str, edges: &str) -> BTreeSet<String> {
             "none",
         ])
         .args(["--format", "{p}", "-e", edges, "-p", member])
+        .args(more)
         .current_dir(workspace())
         // Features unified over the workspace make every member a root of the tree.
         .env_remove("CARGO_RESOLVER_FEATURE_UNIFICATION")
@@ -90,6 +97,18 @@ fn crates_keep_to_the_allowed_arrows() {
 fn the_phantom_cannot_see_the_controller() {
     let found = dependencies("phantom", "normal,build,dev");
     assert_eq!(found, BTreeSet::from(["hal".to_owned()]));
+}
+
+/// What speaks ROS 2 is no part of a build that does not ask for it.
+#[test]
+fn ros_2_is_asked_for() {
+    for member in ["rosbridge", "needle-steer", "python"] {
+        let found = dependencies(member, "normal,build");
+        assert!(!found.contains("ros2wire"), "{member}");
+    }
+    let asked = tree("rosbridge", "normal,build", &["--features", "ros2"]);
+    let expected = ["hal", "ros2wire"].map(str::to_owned);
+    assert_eq!(asked, BTreeSet::from(expected));
 }
 
 #[test]

@@ -46,6 +46,9 @@ pub(super) struct RosArgs {
     /// Seed of everything random.
     #[arg(long)]
     seed: Option<u64>,
+    /// A node of ROS 2.
+    #[arg(long)]
+    ros2: bool,
     /// Move in lockstep with the controller, on /clock.
     #[arg(long)]
     lockstep: bool,
@@ -102,6 +105,9 @@ fn ros(args: &RosArgs) -> anyhow::Result<ExitCode> {
     let named = [("run.sensor", &args.sensor), ("run.phantom", &args.phantom)];
     for (key, name) in named {
         overrides.extend(name.as_ref().map(|name| format!("{key}={}", quoted(name))));
+    }
+    if args.ros2 {
+        overrides.push("ros.version=2".into());
     }
     if args.lockstep {
         overrides.push("ros.clock='simulated'".into());

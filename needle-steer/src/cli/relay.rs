@@ -1,4 +1,5 @@
-//! `relay`: a watchdog between a program and `ros_control`'s velocity controllers.
+//! `relay`: a watchdog between a program and the velocity controllers of `ros_control` and
+//! `ros2_control`.
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -31,10 +32,13 @@ pub(super) struct RelayArgs {
     /// Silence after which zeros are sent [ms].
     #[arg(long, default_value_t = 100)]
     timeout_ms: u64,
-    /// Let other machines connect; ROS 1 has no authentication.
+    /// Relay on ROS 2.
+    #[arg(long, conflicts_with = "uri")]
+    ros2: bool,
+    /// Let other machines connect; ROS has no authentication.
     #[arg(long)]
     network: bool,
-    /// Address of the master; without it, `ROS_MASTER_URI`.
+    /// Address of ROS 1's master; without it, `ROS_MASTER_URI`.
     #[arg(long)]
     uri: Option<String>,
 }
@@ -53,6 +57,7 @@ pub(super) fn execute(args: &RelayArgs) -> anyhow::Result<ExitCode> {
     let mut overrides = vec![
         "ros.publish=true".into(),
         format!("ros.network={}", args.network),
+        format!("ros.version={}", if args.ros2 { 2 } else { 1 }),
     ];
     overrides.extend(
         args.uri

@@ -349,6 +349,18 @@ impl Config {
         within("ros.poses_hz", ros.poses_hz, 0.1, ros.joint_states_hz)?;
         within("ros.markers_hz", ros.markers_hz, 0.1, ros.joint_states_hz)?;
         within("ros.marker_sigma_mm", ros.marker_sigma_mm, 1e-3, 10.0)?;
+        let refused = |problem: String| {
+            Err(Invalid {
+                key: "ros.version".into(),
+                problem,
+            })
+        };
+        match ros.version {
+            1 => {}
+            2 if cfg!(feature = "ros2") => {}
+            2 => return refused(rosbridge::NodeError::NoRos2.to_string()),
+            other => return refused(format!("expected 1 or 2, found {other}")),
+        }
         if ros.uri.is_empty() || ros.uri.starts_with("http://") {
             return Ok(());
         }

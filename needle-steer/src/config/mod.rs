@@ -59,7 +59,7 @@ pub struct Config {
     pub arm: Arm,
     /// The Viper's controller, for the back end `viper`.
     pub viper: Viper,
-    /// ROS 1: telemetry, services, and the back end `ros`.
+    /// ROS: telemetry, services, and the back end `ros`.
     pub ros: Ros,
     /// OpenIGTLink: what is shown, and what is asked.
     pub igtl: Igtl,

@@ -25,7 +25,7 @@ pub enum RosImages {
     Compressed,
 }
 
-/// ROS 1.
+/// ROS.
 #[expect(
     clippy::struct_excessive_bools,
     reason = "switches of a configuration, each with a key of its own"
@@ -33,15 +33,17 @@ pub enum RosImages {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ros {
+    /// Which ROS: 1, or 2 in builds with the feature `ros2`.
+    pub version: u8,
     /// Show the run on topics and offer services, whatever the back end.
     pub publish: bool,
     /// Start at once, else when `~start` is called.
     pub autostart: bool,
     /// Keep the node up after the run, until it is interrupted.
     pub stay: bool,
-    /// Let other machines connect: ROS 1 has no authentication.
+    /// Let other machines connect: ROS has no authentication.
     pub network: bool,
-    /// Address of the master; empty for `ROS_MASTER_URI`.
+    /// Address of ROS 1's master; empty for `ROS_MASTER_URI`.
     pub uri: String,
     /// What time is.
     pub clock: RosClock,
@@ -65,6 +67,7 @@ pub struct Ros {
 impl Default for Ros {
     fn default() -> Self {
         Self {
+            version: 1,
             publish: false,
             autostart: true,
             stay: true,

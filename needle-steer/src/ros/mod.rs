@@ -1,9 +1,10 @@
-//! ROS 1 at the edge of a run: the node, topics and services, the back end `ros`, and the
+//! ROS at the edge of a run: the node, topics and services, the back end `ros`, and the
 //! emulated laboratory.
 //!
 //! Nothing here sits between a measurement and a command: the run hands snapshots over and looks
 //! for requests once an arm period, and neither waits.
 
+mod domain;
 mod door;
 mod laboratory;
 mod motion;
@@ -45,7 +46,8 @@ const TRUTH: Duration = Duration::from_secs(1);
 pub fn choose_master(config: &Config) -> std::io::Result<()> {
     const VARIABLE: &str = "ROS_MASTER_URI";
     let uri = &config.ros.uri;
-    let wanted = config.ros.publish || config.run.backend == Backend::Ros;
+    let wanted =
+        (config.ros.publish || config.run.backend == Backend::Ros) && config.ros.version == 1;
     if uri.is_empty() || !wanted || std::env::var_os(VARIABLE).is_some_and(|set| set == uri[..]) {
         return Ok(());
     }
@@ -88,7 +90,8 @@ impl Link {
     /// Becomes a node where `config` asks for it.
     ///
     /// # Errors
-    /// No master, one that does not answer, or a node open to other machines that should not be.
+    /// No master, one that does not answer, a domain that cannot be joined, or a node open to other
+    /// machines that should not be.
     pub fn new(config: &Config) -> Result<Option<Self>, NodeError> {
         let back_end = config.run.backend == Backend::Ros;
         if !(config.ros.publish || back_end) {
@@ -123,11 +126,21 @@ impl Link {
             },
             RosClock::Simulated => simulated,
         };
+        let place = if config.ros.version == 2 {
+            let get = |name: &str| std::env::var_os(name)?.into_string().ok();
+            Some(domain::place(config.ros.network, get)?)
+        } else {
+            None
+        };
         let node = Node::connect(&NodeOptions {
             name: name.to_owned(),
             network: config.ros.network,
             time: base,
+            domain: place.as_ref().map(|place| place.domain),
         })?;
+        if let Some(said) = place.and_then(|place| place.said) {
+            node.warn(&said);
+        }
         Ok(Self {
             node,
             time,

@@ -17,7 +17,7 @@ use hal::{Arm, ArmDescription, ArmState, Error, Joints, RateCommand, Stamp};
 
 use crate::convert::ConvertError;
 use crate::msg::{industrial_msgs, sensor_msgs, std_msgs};
-use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, lock};
+use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, Quality, lock};
 use crate::status;
 pub(crate) use core::skew;
 pub use core::{ArmTiming, ArmTolerances, Refused};
@@ -114,24 +114,35 @@ impl RosArm {
         // Before this node is a second publisher itself: a run under way would stop for it.
         peers::refuse_others(node, &options.velocities)?;
         let names = options.description.joint_names;
-        let velocities = Outlet::new(node, &options.velocities, 1, false)?;
+        let velocities = Outlet::new(node, &options.velocities, Quality::Event(1))?;
         let (feedback, clock) = (Arc::clone(&arm.core), node.clock());
-        Inlet::open::<sensor_msgs::JointState>(node, &options.joint_states, 1, move |message| {
-            // Messages of other devices on the same topic, or nonsense: feedback grows stale.
-            if let Ok((positions, rates)) = feedback_of(&message, &names) {
-                let reading = Reading {
-                    stamp: clock.run_stamp(message.header.stamp),
-                    behind: clock.behind(message.header.stamp),
-                    positions,
-                    rates,
-                };
-                lock(&feedback).feedback(clock.now(), reading);
-            }
-        })?;
+        let newest = Quality::Stream(1);
+        Inlet::open::<sensor_msgs::JointState>(
+            node,
+            &options.joint_states,
+            newest,
+            move |message| {
+                // Messages of other devices on the same topic, or nonsense: feedback grows stale.
+                if let Ok((positions, rates)) = feedback_of(&message, &names) {
+                    let reading = Reading {
+                        stamp: clock.run_stamp(message.header.stamp),
+                        behind: clock.behind(message.header.stamp),
+                        positions,
+                        rates,
+                    };
+                    lock(&feedback).feedback(clock.now(), reading);
+                }
+            },
+        )?;
         let (told, clock) = (Arc::clone(&arm.core), node.clock());
-        Inlet::open::<industrial_msgs::RobotStatus>(node, &options.robot_status, 1, move |m| {
-            lock(&told).robot(clock.now(), status::hindrance(&m));
-        })?;
+        Inlet::open::<industrial_msgs::RobotStatus>(
+            node,
+            &options.robot_status,
+            newest,
+            move |m| {
+                lock(&told).robot(clock.now(), status::hindrance(&m));
+            },
+        )?;
         arm.peers = Some(Peers::watch(node, &options.velocities, &arm.core)?);
         let cut = Arc::downgrade(&arm.core);
         node.on_end(move |end| {

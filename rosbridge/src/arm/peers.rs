@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::core::Core;
 use super::{Refused, RosArmError};
 use crate::msg::std_msgs;
-use crate::seam::{Inlet, Node, lock};
+use crate::seam::{Inlet, Node, Quality, lock};
 
 /// How often the master is asked.
 const PERIOD: Duration = Duration::from_millis(500);
@@ -39,7 +39,8 @@ impl Peers {
     ) -> Result<Self, RosArmError> {
         let (own, name) = (node.name().to_owned(), node.resolved(topic));
         let told = Arc::downgrade(core);
-        Inlet::open_named::<std_msgs::Float64MultiArray>(node, topic, 4, move |_, from| {
+        let heard = Quality::Stream(4);
+        Inlet::open_named::<std_msgs::Float64MultiArray>(node, topic, heard, move |_, from| {
             if from != own
                 && let Some(core) = told.upgrade()
             {

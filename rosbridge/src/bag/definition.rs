@@ -7,7 +7,7 @@ const DEEPEST: usize = 16;
 
 /// What a field holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     /// A number of so many bytes.
     Plain(usize),
     Text,
@@ -19,33 +19,33 @@ pub(super) enum Kind {
 
 /// How often a field's value stands in it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Count {
+pub(crate) enum Count {
     One,
     Fixed(usize),
     Any,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Field {
-    pub(super) name: String,
+pub(crate) struct Field {
+    pub(crate) name: String,
     /// The type's name, without package where the text leaves that out.
-    pub(super) type_name: String,
-    pub(super) kind: Kind,
-    pub(super) count: Count,
+    pub(crate) type_name: String,
+    pub(crate) kind: Kind,
+    pub(crate) count: Count,
 }
 
 /// A type: its name with the package, its fields, and its constants as they are written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Type {
-    pub(super) name: String,
-    pub(super) fields: Vec<Field>,
-    pub(super) constants: Vec<String>,
+pub(crate) struct Type {
+    pub(crate) name: String,
+    pub(crate) fields: Vec<Field>,
+    pub(crate) constants: Vec<String>,
 }
 
 /// A message's type and all that it is made of; the message's own comes first.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Definition {
-    pub(super) types: Vec<Type>,
+pub(crate) struct Definition {
+    pub(crate) types: Vec<Type>,
 }
 
 /// A definition that cannot be read.
@@ -73,7 +73,7 @@ pub enum DefinitionError {
 
 impl Definition {
     /// Reads the definition of `message_type` with those of what it is made of, as logs hold them.
-    pub(super) fn read(message_type: &str, text: &str) -> Result<Self, DefinitionError> {
+    pub(crate) fn read(message_type: &str, text: &str) -> Result<Self, DefinitionError> {
         let mut sections: Vec<(String, Vec<&str>)> = vec![(message_type.to_owned(), Vec::new())];
         for line in text.lines() {
             if let Some(name) = line.strip_prefix("MSG: ") {

@@ -3,11 +3,11 @@
 //! Topics, types and contents are the log's. Stamps are wall-clock time, so that a bag can be laid
 //! beside those of other recorders: the run's time and when it began, which the log says.
 
-mod definition;
-mod rewrite;
+pub(crate) mod definition;
+pub(crate) mod rewrite;
 mod ros1;
-mod ros2;
-mod walk;
+pub(crate) mod ros2;
+pub(crate) mod walk;
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -25,11 +25,11 @@ pub use walk::Malformed;
 use walk::{Sink, walk};
 
 /// The type whose number ROS 2 has not.
-const HEADER: &str = "std_msgs/Header";
+pub(crate) const HEADER: &str = "std_msgs/Header";
 /// Topics on which one message holds for good.
 const LATCHED: [&str; 2] = ["/tf_static", "/robot_description"];
 /// Type of notes in ROS 1, and in ROS 2, whose levels are others.
-const NOTE: &str = "rosgraph_msgs/Log";
+pub(crate) const NOTE: &str = "rosgraph_msgs/Log";
 const NOTE_2: &str = "rcl_interfaces/msg/Log";
 const NOTE_2_DEFINITION: &str = "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n\
      builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\n\
@@ -262,7 +262,7 @@ fn note_definition() -> String {
 }
 
 /// A note as ROS 2 has it.
-fn note(mut data: &[u8], cdr: &mut Cdr) -> Result<(), Malformed> {
+pub(crate) fn note(mut data: &[u8], cdr: &mut Cdr) -> Result<(), Malformed> {
     let note = rosgraph_msgs::Log::decode(&mut data).map_err(|_| Malformed)?;
     let level = match note.level {
         rosgraph_msgs::Log::DEBUG => 10,

@@ -32,13 +32,13 @@ impl Shift {
 
 /// The same message of ROS 1.
 #[derive(Debug)]
-pub(super) struct Ros1 {
+pub(crate) struct Ros1 {
     shift: Shift,
-    pub(super) bytes: Vec<u8>,
+    pub(crate) bytes: Vec<u8>,
 }
 
 impl Ros1 {
-    pub(super) const fn new(began: u64) -> Self {
+    pub(crate) const fn new(began: u64) -> Self {
         Self {
             shift: Shift::new(began),
             bytes: Vec::new(),
@@ -72,7 +72,7 @@ impl Sink for Ros1 {
 
 /// The message in CDR: little endian, numbers at multiples of their size, texts ending in zero.
 #[derive(Debug)]
-pub(super) struct Cdr {
+pub(crate) struct Cdr {
     shift: Shift,
     bytes: Vec<u8>,
 }
@@ -81,7 +81,7 @@ pub(super) struct Cdr {
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 impl Cdr {
-    pub(super) fn new(began: u64) -> Self {
+    pub(crate) fn new(began: u64) -> Self {
         Self {
             shift: Shift::new(began),
             bytes: ENCAPSULATION.to_vec(),
@@ -89,12 +89,12 @@ impl Cdr {
     }
 
     /// A header's stamp.
-    pub(super) fn stamp(&mut self, whole: u32, fraction: u32) {
+    pub(crate) fn stamp(&mut self, whole: u32, fraction: u32) {
         self.shift.in_header = true;
         self.time(whole, fraction);
     }
 
-    pub(super) fn into_bytes(self) -> Vec<u8> {
+    pub(crate) fn into_bytes(self) -> Vec<u8> {
         self.bytes
     }
 
@@ -107,13 +107,13 @@ impl Cdr {
 }
 
 /// ROS 2's names of a field.
-pub(super) fn ros2_name(name: &str) -> String {
+pub(crate) fn ros2_name(name: &str) -> String {
     // CameraInfo's D, K, R and P.
     name.to_ascii_lowercase()
 }
 
 /// Whether ROS 2 has the field: its headers are not numbered.
-pub(super) fn in_ros2(of: &str, field: &str) -> bool {
+pub(crate) fn in_ros2(of: &str, field: &str) -> bool {
     !(of == HEADER && field == "seq")
 }
 

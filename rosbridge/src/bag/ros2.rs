@@ -12,13 +12,13 @@ use super::walk::Sink;
 use super::{Stamped, Topic};
 
 /// A field that ROS 2 has and ROS 1 has not.
-pub(super) struct Added {
+pub(crate) struct Added {
     /// The type, and the field of it that it stands before.
     before: (&'static str, &'static str),
     /// As definitions have it.
     line: &'static str,
     /// Writes it where there is none.
-    pub(super) empty: fn(&mut Cdr),
+    pub(crate) empty: fn(&mut Cdr),
 }
 
 /// What ROS 2 added to the types of ROS 1 that logs hold, in its order.
@@ -70,7 +70,7 @@ const TIME: (&str, &str) = ("builtin_interfaces/Time", "int32 sec\nuint32 nanose
 const DURATION: (&str, &str) = ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n");
 
 /// What stands before that field.
-pub(super) fn added_before<'a>(
+pub(crate) fn added_before<'a>(
     of: &'a str,
     field: &'a str,
 ) -> impl Iterator<Item = &'static Added> {
@@ -80,7 +80,7 @@ pub(super) fn added_before<'a>(
 }
 
 /// The definition as ROS 2 has it.
-pub(super) fn definition(definition: &Definition) -> String {
+pub(crate) fn definition(definition: &Definition) -> String {
     let mut text = String::new();
     let (mut times, mut durations, mut added) = (false, false, false);
     for (i, kind) in definition.types.iter().enumerate() {
@@ -143,7 +143,7 @@ fn constant_line(constant: &str) -> String {
 }
 
 /// A type's name in ROS 2.
-pub(super) fn type_name(name: &str) -> String {
+pub(crate) fn type_name(name: &str) -> String {
     name.replacen('/', "/msg/", 1)
 }
 

@@ -8,7 +8,7 @@ use super::definition::{Count, Definition, Field, Kind};
 pub struct Malformed;
 
 /// What a message's fields become.
-pub(super) trait Sink {
+pub(crate) trait Sink {
     /// Whether the fields of `name`, a type with its package, are to be left out from here on to
     /// [`Sink::leave`].
     fn enter(&mut self, name: &str);
@@ -29,7 +29,7 @@ pub(super) trait Sink {
 }
 
 /// Shows all of `bytes`, a message of ROS 1, to `sink`.
-pub(super) fn walk(
+pub(crate) fn walk(
     definition: &Definition,
     mut bytes: &[u8],
     sink: &mut dyn Sink,

@@ -5,7 +5,7 @@ use hal::frame::{Frame, LeftCamera, RightCamera};
 
 use crate::convert;
 use crate::msg::sensor_msgs;
-use crate::seam::{Node, NodeClock, NodeError, Outlet};
+use crate::seam::{Node, NodeClock, NodeError, Outlet, Quality};
 
 /// A camera's parameters as OpenCV and ROS have them \[px\].
 #[derive(Clone, Debug, PartialEq)]
@@ -68,8 +68,8 @@ impl CameraOutlet {
         model: Option<CameraModel>,
     ) -> Result<Self, NodeError> {
         Ok(Self {
-            image: Outlet::new(node, &format!("{side}/image_raw"), 2, false)?,
-            info: Outlet::new(node, &format!("{side}/camera_info"), 2, false)?,
+            image: Outlet::new(node, &format!("{side}/image_raw"), Quality::Stream(2))?,
+            info: Outlet::new(node, &format!("{side}/camera_info"), Quality::Stream(2))?,
             model,
             frame,
         })

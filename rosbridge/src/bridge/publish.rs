@@ -17,7 +17,7 @@ use crate::msg::{
     diagnostic_msgs, geometry_msgs, needle_steer_msgs, rosgraph_msgs, sensor_msgs, tf2_msgs,
     visualization_msgs,
 };
-use crate::seam::{Node, NodeError, Outlet, TimeBase};
+use crate::seam::{Node, NodeError, Outlet, Quality, TimeBase};
 
 /// Time after its arrival for which a reading of the arm counts.
 const FRESH: Duration = Duration::from_millis(200);
@@ -100,34 +100,34 @@ impl Publisher {
             None => [None, None],
         };
         let clock = if time == TimeBase::Simulated {
-            Some(Outlet::new(node, "/clock", 10, false)?)
+            Some(Outlet::new(node, "/clock", Quality::Event(10))?)
         } else {
             None
         };
         let joint_states = if options.joint_states {
-            Some(Outlet::new(node, "joint_states", 10, false)?)
+            Some(Outlet::new(node, "joint_states", Quality::Event(10))?)
         } else {
             None
         };
-        let tf_static = Outlet::new(node, "/tf_static", 10, true)?;
+        let tf_static = Outlet::new(node, "/tf_static", Quality::Latched(1))?;
         let still = still(&options.frames, node.clock().ros_stamp(Stamp::ZERO));
         tf_static.send(still.clone());
         Ok(Self {
             joint_names: options.joint_names,
             clock,
             joint_states,
-            tf: Outlet::new(node, "/tf", 50, false)?,
+            tf: Outlet::new(node, "/tf", Quality::Event(50))?,
             tf_static,
             still,
-            tip: Outlet::new(node, "needle/tip", 10, false)?,
-            state: Outlet::new(node, "needle/state", 10, false)?,
-            markers: Outlet::new(node, "needle/markers", 2, false)?,
+            tip: Outlet::new(node, "needle/tip", Quality::Event(10))?,
+            state: Outlet::new(node, "needle/state", Quality::Event(10))?,
+            markers: Outlet::new(node, "needle/markers", Quality::Event(2))?,
             cameras: [
                 CameraOutlet::left(node, left)?,
                 CameraOutlet::right(node, right)?,
             ],
-            overlay: Outlet::new(node, "overlay", 2, false)?,
-            diagnostics: Outlet::new(node, "/diagnostics", 2, false)?,
+            overlay: Outlet::new(node, "overlay", Quality::Stream(2))?,
+            diagnostics: Outlet::new(node, "/diagnostics", Quality::Event(2))?,
             latest: None,
             joints: None,
             reports: false,
@@ -262,8 +262,10 @@ impl Publisher {
             );
             self.diagnostics.send(message);
             // rosrust does not tell recorders that a topic is latched: a bag that is played would
-            // have it once, before most subscribers come.
-            self.tf_static.send(self.still.clone());
+            // have it once, before most subscribers come. ROS 2 does.
+            if !self.tf_static.keeps() {
+                self.tf_static.send(self.still.clone());
+            }
         }
         if self.is_simulated() || !self.joints.is_some_and(|joints| joints.is_fresh()) {
             return;

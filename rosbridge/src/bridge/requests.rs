@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 
 use crate::convert::{self, ConvertError};
 use crate::msg::{geometry_msgs, std_msgs, std_srvs};
-use crate::seam::{Inlet, Node, NodeError, Outlet, Service, Severity, WeakNode};
+use crate::seam::{Inlet, Node, NodeError, Outlet, Quality, Service, Severity, WeakNode};
 
 /// Topic of new targets (`geometry_msgs/PointStamped`).
 const TARGET: &str = "target";
@@ -117,10 +117,11 @@ impl<'a> Requests<'a> {
     ) -> Result<(), NodeError> {
         let answers = Arc::new(Answers {
             node: self.node.downgrade(),
-            topic: Outlet::new(self.node, TARGET_ANSWER, 1, true)?,
+            topic: Outlet::new(self.node, TARGET_ANSWER, Quality::Latched(1))?,
         });
         let sender = self.sender.clone();
-        Inlet::open::<geometry_msgs::PointStamped>(self.node, TARGET, 1, move |message| {
+        let quality = Quality::Event(1);
+        Inlet::open::<geometry_msgs::PointStamped>(self.node, TARGET, quality, move |message| {
             let target = match target(&message, &world_from_left_camera) {
                 Ok(target) => target,
                 Err(why) => return answers.say(Err(why.to_string())),

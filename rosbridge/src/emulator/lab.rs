@@ -15,7 +15,7 @@ use crate::lockstep::ADVANCE;
 use crate::msg::needle_steer_lockstep::{Advance, World};
 use crate::msg::needle_steer_msgs::Shape;
 use crate::msg::{rosgraph_msgs, sensor_msgs};
-use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, TimeBase};
+use crate::seam::{Inlet, Node, NodeClock, NodeError, Outlet, Quality, TimeBase};
 
 /// What there is to see in the laboratory since the last time.
 #[derive(Clone, Debug)]
@@ -66,11 +66,11 @@ impl LabNode {
     pub fn new(node: &Node, arm: ArmNode) -> Result<Self, NodeError> {
         let (filled, answers) = sync_channel(16);
         let ticks = if node.time_base() == TimeBase::Simulated {
-            Inlet::open::<Advance>(node, ADVANCE, 16, move |message| {
+            Inlet::open::<Advance>(node, ADVANCE, Quality::Event(16), move |message| {
                 // A full queue: the controller repeats.
                 let _ = filled.try_send(message);
             })?;
-            Some(Outlet::new(node, "/clock", 10, false)?)
+            Some(Outlet::new(node, "/clock", Quality::Event(10))?)
         } else {
             None
         };
@@ -78,8 +78,8 @@ impl LabNode {
             arm,
             clock: node.clock(),
             ticks,
-            shapes: Outlet::new(node, SHAPES, 4, false)?,
-            states: Outlet::new(node, LABORATORY, 16, true)?,
+            shapes: Outlet::new(node, SHAPES, Quality::Event(4))?,
+            states: Outlet::new(node, LABORATORY, Quality::Latched(16))?,
             answers,
             last: None,
             node: node.clone(),

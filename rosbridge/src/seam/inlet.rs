@@ -5,7 +5,8 @@ use std::sync::{Arc, Mutex};
 use rosrust::api::Ros;
 use rosrust::{Message, Subscriber};
 
-use super::{Node, NodeError, Part, lock, reason};
+use super::ros1::{Part, reason};
+use super::{Carrier, Node, NodeError, Quality, lock};
 
 /// Keeps a subscription alive, also over masters that go and come back; it ends with the node.
 pub(crate) struct Inlet;
@@ -25,26 +26,45 @@ impl Inlet {
     pub(crate) fn open<M: Message>(
         node: &Node,
         topic: &str,
-        queue: usize,
+        quality: Quality,
         handler: impl Fn(M) + Send + Sync + 'static,
     ) -> Result<(), NodeError> {
-        Self::open_named(node, topic, queue, move |message, _| handler(message))
+        Self::open_named(node, topic, quality, move |message, _| handler(message))
     }
 
     /// Subscribes; `handler` is also told the name of the node that published the message.
     pub(crate) fn open_named<M: Message>(
         node: &Node,
         topic: &str,
-        queue: usize,
+        quality: Quality,
         handler: impl Fn(M, &str) + Send + Sync + 'static,
     ) -> Result<(), NodeError> {
-        let part = InletPart {
-            topic: topic.to_owned(),
-            queue,
-            handler: Arc::new(handler),
-            subscriber: Mutex::new(None),
-        };
-        node.add(topic, Arc::new(part))
+        match &node.inner.carrier {
+            Carrier::Ros1(ros) => {
+                let part = InletPart {
+                    topic: topic.to_owned(),
+                    queue: quality.queue(),
+                    handler: Arc::new(handler),
+                    subscriber: Mutex::new(None),
+                };
+                ros.add(topic, Arc::new(part))
+            }
+            #[cfg(feature = "ros2")]
+            Carrier::Ros2(ros) => {
+                let (kind, definition) = (M::msg_type(), M::msg_definition());
+                ros.reader(
+                    topic,
+                    &kind,
+                    &definition,
+                    quality,
+                    move |mut bytes, from| {
+                        if let Ok(message) = M::decode(&mut bytes) {
+                            handler(message, from);
+                        }
+                    },
+                )
+            }
+        }
     }
 }
 

@@ -1,19 +1,24 @@
-//! The only module that knows rosrust: a node, and topics and services that outlive the master.
+//! The only module that knows how ROS is reached: a node, topics and services, over ROS 1 (rosrust) or,
+//! with the feature `ros2`, over ROS 2 (`ros2wire`). Everything else is the same code for both.
 //!
 //! What rosrust leaves open is cured here: calls to the master happen on threads with a deadline,
 //! registrations are renewed when a master comes back, sockets time out, and a node unregisters
 //! what it registered.
 
+mod arguments;
 mod inlet;
 mod life;
 mod lookup;
 mod outlet;
+mod quality;
+mod ros1;
+#[cfg(feature = "ros2")]
+mod ros2;
 mod service;
 mod sockets;
 mod speech;
 mod watch;
 
-use std::ffi::OsString;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -22,17 +27,20 @@ use std::time::{Duration, Instant, SystemTime};
 use hal::Stamp;
 #[cfg(test)]
 pub(crate) use rosrust::Duration as Span;
-use rosrust::api::{Ros, resolve};
 pub(crate) use rosrust::{Message, RosMsg, Time};
 
+pub use arguments::plain_arguments;
 pub(crate) use inlet::Inlet;
 use life::Life;
 pub use life::NodeEnd;
 pub(crate) use outlet::Outlet;
+pub(crate) use quality::Quality;
+use ros1::Ros1;
+#[cfg(feature = "ros2")]
+use ros2::Ros2;
 pub(crate) use service::Service;
 pub use speech::Severity;
 use speech::Speech;
-use watch::Watch;
 
 /// Longest wait for the master at the start, and at the end.
 const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
@@ -59,10 +67,21 @@ pub enum TimeBase {
 pub struct NodeOptions {
     /// Name of the node; `__name:=` on the command line replaces it.
     pub name: String,
-    /// Whether other machines may connect. ROS 1 has no authentication.
+    /// Whether other machines may connect. ROS has no authentication.
     pub network: bool,
     /// What ROS time is.
     pub time: TimeBase,
+    /// The domain of ROS 2 to join; without one, the node is one of ROS 1.
+    pub domain: Option<Domain>,
+}
+
+/// A domain of ROS 2, and how its nodes are numbered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Domain {
+    /// Its number (`ROS_DOMAIN_ID`).
+    pub number: u16,
+    /// Whether its nodes are numbered as up to Humble.
+    pub long_gids: bool,
 }
 
 /// A node that cannot start, or a topic or service that cannot be registered.
@@ -93,45 +112,36 @@ pub enum NodeError {
         /// What went wrong.
         reason: String,
     },
+    /// This build does not speak ROS 2.
+    #[error(
+        "this build does not speak ROS 2: build it with `cargo build --release -p needle-steer \
+         --features ros2`"
+    )]
+    NoRos2,
+    /// The domain of ROS 2 cannot be joined.
+    #[error("ROS 2: {reason}")]
+    Wire {
+        /// What went wrong.
+        reason: String,
+    },
+    /// The node of ROS 2 would listen to other machines.
+    #[error(
+        "the ROS 2 node would listen to other machines: its sockets cannot be confined to the \
+         loopback interface ({reason}; it takes Linux 5.7), and ROS 2 has no authentication: allow \
+         the network in the configuration"
+    )]
+    NotConfined {
+        /// Why not.
+        reason: String,
+    },
     /// A topic or service could not be registered.
-    #[error("cannot register {name} with the ROS master: {reason}")]
+    #[error("cannot register {name}: {reason}")]
     Register {
         /// Topic or service.
         name: String,
         /// What went wrong.
         reason: String,
     },
-}
-
-/// Something registered with the master.
-trait Part: Send + Sync {
-    /// Registers anew; what was registered before is given up first.
-    fn register(&self, ros: &Ros) -> Result<(), NodeError>;
-    /// Gives up the registration and closes its connections.
-    fn close(&self);
-}
-
-/// What the node has registered.
-#[derive(Default)]
-struct Parts {
-    list: Mutex<Vec<Arc<dyn Part>>>,
-    /// Held while registering; true once the node has ended.
-    closed: Mutex<bool>,
-}
-
-impl Parts {
-    /// Registers a part unless the node has ended.
-    fn register(&self, part: &dyn Part, ros: &Ros) -> Result<(), NodeError> {
-        let closed = lock(&self.closed);
-        if *closed { Ok(()) } else { part.register(ros) }
-    }
-
-    fn close(&self) {
-        *lock(&self.closed) = true;
-        for part in std::mem::take(&mut *lock(&self.list)) {
-            part.close();
-        }
-    }
 }
 
 /// A ROS node. Clones are the same node; it ends with [`shutdown`](Self::shutdown) or with the
@@ -141,10 +151,15 @@ pub struct Node {
     inner: Arc<Inner>,
 }
 
+/// How ROS is reached.
+enum Carrier {
+    Ros1(Ros1),
+    #[cfg(feature = "ros2")]
+    Ros2(Ros2),
+}
+
 struct Inner {
-    ros: Arc<Ros>,
-    parts: Arc<Parts>,
-    watch: Watch,
+    carrier: Carrier,
     life: Life,
     clock: NodeClock,
     speech: Arc<Speech>,
@@ -216,33 +231,18 @@ impl NodeClock {
 }
 
 impl Node {
-    /// Registers a node with the master that the environment names (`ROS_MASTER_URI`).
+    /// Registers a node with the master that the environment names (`ROS_MASTER_URI`), or joins a
+    /// domain of ROS 2.
     ///
-    /// Takes at most 5 s for the node and 5 s for each of the services that every node has
-    /// (`~get_loggers`, `~set_logger_level`).
+    /// With ROS 1 it takes at most 5 s for the node and 5 s for each of the services that every node
+    /// has (`~get_loggers`, `~set_logger_level`).
     ///
     /// # Errors
-    /// No master, a master that does not answer, or a node open to other machines that should
-    /// not be.
+    /// No master, a master that does not answer, a domain that cannot be joined, or a node open to
+    /// other machines that should not be.
     #[expect(clippy::disallowed_methods, reason = "ROS time is wall-clock time")]
     pub fn connect(options: &NodeOptions) -> Result<Self, NodeError> {
-        let hostname = resolve::hostname();
-        if !options.network && !is_loopback(&hostname) {
-            return Err(NodeError::NotLocal { hostname });
-        }
-        let name = options.name.clone();
-        let ros = within(CONNECT_DEADLINE, move || {
-            Ros::new(&name).map_err(|e| reason(&e))
-        })
-        .ok_or_else(|| NodeError::Deadline {
-            master: resolve::master(),
-            seconds: CONNECT_DEADLINE.as_secs(),
-        })?
-        .map_err(|reason| NodeError::Master {
-            master: resolve::master(),
-            reason,
-        })?;
-        let ros = Arc::new(ros);
+        let carrier = Carrier::connect(options)?;
         let started = match options.time {
             TimeBase::Wall { origin } => {
                 let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
@@ -250,32 +250,23 @@ impl Node {
             }
             TimeBase::Simulated | TimeBase::Remote => Stamp::ZERO,
         };
-        let parts = Arc::<Parts>::default();
         let life = Life::default();
-        life.watch(Arc::clone(&ros));
         let clock = NodeClock {
             started: (started, Instant::now()),
             base: options.time,
             told: Arc::default(),
         };
-        let speech = Arc::new(Speech::new(ros.name(), clock.clone()));
-        let watch = Watch::start(
-            Arc::clone(&ros),
-            Arc::clone(&parts),
-            life.clone(),
-            Arc::clone(&speech),
-        );
+        let speech = Arc::new(Speech::new(carrier.name(), clock.clone()));
         let node = Self {
             inner: Arc::new(Inner {
-                watch,
+                carrier,
                 life,
-                ros,
-                parts,
                 clock,
                 speech: Arc::clone(&speech),
                 doubts: Mutex::default(),
             }),
         };
+        node.inner.carrier.watch(&node.inner.life, &speech);
         speech.open(&node)?;
         Ok(node)
     }
@@ -299,7 +290,7 @@ impl Node {
 
     /// Full name of the node.
     pub fn name(&self) -> &str {
-        self.inner.ros.name()
+        self.inner.carrier.name()
     }
 
     /// The time base the node was given.
@@ -334,36 +325,23 @@ impl Node {
         self.say(Severity::Warning, text);
     }
 
-    /// The name of a topic as the master knows it.
+    /// The full name of a topic.
     pub fn resolved(&self, topic: &str) -> String {
-        let translated = self.inner.ros.param(topic);
-        translated.map_or_else(|| topic.to_owned(), |name| name.name().to_owned())
+        match &self.inner.carrier {
+            Carrier::Ros1(ros) => ros.resolved(topic),
+            #[cfg(feature = "ros2")]
+            Carrier::Ros2(ros) => ros.resolved(topic),
+        }
     }
 
     /// Other live nodes that publish on a topic; those that died without a word do not count.
     /// Nothing if the master does not answer within 5 s.
     pub fn other_publishers(&self, topic: &str) -> Option<Vec<String>> {
-        let (ros, topic) = (Arc::clone(&self.inner.ros), self.resolved(topic));
-        within(CONNECT_DEADLINE, move || {
-            let state = ros.state().ok()?;
-            let names = state
-                .publishers
-                .into_iter()
-                .find(|entry| entry.name == topic)
-                .map_or_else(Vec::new, |entry| entry.connections);
-            let master = resolve::master();
-            let is_alive = |name: &String| {
-                lookup::node_uri(&master, ros.name(), name)
-                    .is_ok_and(|uri| uri.is_some_and(|uri| lookup::is_alive(&uri)))
-            };
-            Some(
-                names
-                    .into_iter()
-                    .filter(|name| name != ros.name() && is_alive(name))
-                    .collect(),
-            )
-        })
-        .flatten()
+        match &self.inner.carrier {
+            Carrier::Ros1(ros) => ros.other_publishers(topic),
+            #[cfg(feature = "ros2")]
+            Carrier::Ros2(ros) => ros.other_publishers(topic),
+        }
     }
 
     /// Unregisters everything and closes all connections; takes at most 2 s, even if the master
@@ -380,22 +358,50 @@ impl Node {
     pub(crate) fn clock(&self) -> NodeClock {
         self.inner.clock.clone()
     }
+}
 
-    /// Registers a part; blocks while the master is asked, 5 s at most.
-    fn add(&self, name: &str, part: Arc<dyn Part>) -> Result<(), NodeError> {
-        let (ros, parts) = (Arc::clone(&self.inner.ros), Arc::clone(&self.inner.parts));
-        within(CONNECT_DEADLINE, move || {
-            parts.register(part.as_ref(), &ros)?;
-            lock(&parts.list).push(part);
-            Ok(())
-        })
-        .unwrap_or_else(|| {
-            let reason = "no answer".to_owned();
-            Err(NodeError::Register {
-                name: name.to_owned(),
-                reason,
-            })
-        })
+impl Carrier {
+    fn connect(options: &NodeOptions) -> Result<Self, NodeError> {
+        match options.domain {
+            None => Ros1::connect(options).map(Self::Ros1),
+            #[cfg(feature = "ros2")]
+            Some(domain) => Ros2::connect(options, domain).map(Self::Ros2),
+            #[cfg(not(feature = "ros2"))]
+            Some(_) => Err(NodeError::NoRos2),
+        }
+    }
+
+    /// Watches what a node may lose; one of ROS 2 has no master, and nobody can take its name.
+    fn watch(&self, life: &Life, speech: &Arc<Speech>) {
+        match self {
+            Self::Ros1(ros) => ros.watch(life, speech),
+            #[cfg(feature = "ros2")]
+            Self::Ros2(_) => {}
+        }
+    }
+
+    const fn is_ros1(&self) -> bool {
+        match self {
+            Self::Ros1(_) => true,
+            #[cfg(feature = "ros2")]
+            Self::Ros2(_) => false,
+        }
+    }
+
+    fn name(&self) -> &str {
+        match self {
+            Self::Ros1(ros) => ros.name(),
+            #[cfg(feature = "ros2")]
+            Self::Ros2(ros) => ros.name(),
+        }
+    }
+
+    fn close(&self) {
+        match self {
+            Self::Ros1(ros) => ros.close(),
+            #[cfg(feature = "ros2")]
+            Self::Ros2(ros) => ros.close(),
+        }
     }
 }
 
@@ -409,14 +415,8 @@ impl std::fmt::Debug for Node {
 
 impl Inner {
     fn close(&self) {
-        self.watch.stop();
         self.life.stop();
-        let (ros, parts) = (Arc::clone(&self.ros), Arc::clone(&self.parts));
-        // A master that hangs must not keep the process from ending.
-        let _ = within(SHUTDOWN_DEADLINE, move || {
-            parts.close();
-            ros.shutdown_sender().shutdown();
-        });
+        self.carrier.close();
     }
 }
 
@@ -424,27 +424,6 @@ impl Drop for Inner {
     fn drop(&mut self) {
         self.close();
     }
-}
-
-/// The process's arguments without those that `roslaunch` adds for the node (`a:=b`).
-pub fn plain_arguments() -> impl Iterator<Item = OsString> {
-    std::env::args_os()
-        .enumerate()
-        .filter(|(i, argument)| *i == 0 || !argument.to_string_lossy().contains(":="))
-        .map(|(_, argument)| argument)
-}
-
-fn is_loopback(hostname: &str) -> bool {
-    hostname == "localhost" || hostname.starts_with("127.")
-}
-
-/// The chain of causes in one line.
-fn reason(error: &rosrust::error::Error) -> String {
-    error
-        .iter()
-        .map(ToString::to_string)
-        .collect::<Vec<_>>()
-        .join(": ")
 }
 
 /// Runs something that may hang; nothing if it has not ended in time or has panicked.

@@ -2,10 +2,13 @@
 
 use std::sync::{Arc, Mutex};
 
-use rosrust::ServicePair;
+#[cfg(feature = "ros2")]
+use rosrust::RosMsg;
 use rosrust::api::Ros;
+use rosrust::{Message, ServicePair};
 
-use super::{Node, NodeError, Part, lock, reason, sockets};
+use super::ros1::{Part, reason};
+use super::{Carrier, Node, NodeError, lock, sockets};
 
 /// Keeps a service offered, also over masters that go and come back; it ends with the node.
 pub(crate) struct Service;
@@ -26,13 +29,32 @@ impl Service {
         node: &Node,
         name: &str,
         handler: impl Fn(S::Request) -> Result<S::Response, String> + Send + Sync + 'static,
-    ) -> Result<(), NodeError> {
-        let part = ServicePart::<S> {
-            name: name.to_owned(),
-            handler: Arc::new(handler),
-            offered: Mutex::default(),
-        };
-        node.add(name, Arc::new(part))
+    ) -> Result<(), NodeError>
+    where
+        S::Request: Message,
+        S::Response: Message,
+    {
+        match &node.inner.carrier {
+            Carrier::Ros1(ros) => {
+                let part = ServicePart::<S> {
+                    name: name.to_owned(),
+                    handler: Arc::new(handler),
+                    offered: Mutex::default(),
+                };
+                ros.add(name, Arc::new(part))
+            }
+            #[cfg(feature = "ros2")]
+            Carrier::Ros2(ros) => {
+                let definitions = [S::Request::msg_definition(), S::Response::msg_definition()];
+                ros.server(name, &S::msg_type(), &definitions, move |mut bytes| {
+                    let request = S::Request::decode(&mut bytes).ok()?;
+                    let response = handler(request).ok()?;
+                    let mut bytes = Vec::new();
+                    response.encode(&mut bytes).ok()?;
+                    Some(bytes)
+                })
+            }
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::io::Write;
 use std::sync::{Arc, Mutex, OnceLock};
 
-use super::{Node, NodeClock, NodeError, Outlet, Service, lock};
+use super::{Node, NodeClock, NodeError, Outlet, Quality, Service, lock};
 use crate::convert;
 use crate::msg::roscpp::{GetLoggers, GetLoggersRes, Logger, SetLoggerLevel, SetLoggerLevelRes};
 use crate::msg::rosgraph_msgs::Log;
@@ -15,7 +15,7 @@ const LOGGER: &str = "ros.needle_steer";
 /// Where a node speaks.
 const TOPIC: &str = "/rosout";
 /// Messages that wait for a first listener: `rosout` connects some time after a node has begun.
-const KEPT: usize = 64;
+const KEPT: u16 = 64;
 
 /// How much a message matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -86,11 +86,19 @@ impl Speech {
         }
     }
 
-    /// Advertises `/rosout` and the services.
+    /// Advertises `/rosout` and the services, which are ROS 1's.
     pub(super) fn open(self: &Arc<Self>, node: &Node) -> Result<(), NodeError> {
-        let topic = Outlet::new(node, TOPIC, KEPT, false)?;
+        let is_ros1 = node.inner.carrier.is_ros1();
+        let quality = if is_ros1 {
+            Quality::Event(KEPT)
+        } else {
+            Quality::Latched(KEPT)
+        };
         // Opened once.
-        let _ = self.topic.set(topic);
+        let _ = self.topic.set(Outlet::new(node, TOPIC, quality)?);
+        if !is_ros1 {
+            return Ok(());
+        }
         let speech = Arc::clone(self);
         Service::open::<GetLoggers>(node, "~get_loggers", move |_| Ok(speech.loggers()))?;
         let speech = Arc::clone(self);
@@ -108,7 +116,7 @@ impl Speech {
         // Nothing can be done about a closed stderr.
         let _ = writeln!(std::io::stderr(), "[{label}] {text}");
         let mut unheard = lock(&self.unheard);
-        if unheard.len() == KEPT {
+        if unheard.len() == usize::from(KEPT) {
             unheard.pop_front();
         }
         unheard.push_back(Log {
@@ -125,7 +133,7 @@ impl Speech {
     /// Sends what nobody could hear yet, if somebody can now.
     pub(super) fn repeat(&self) {
         if let Some(topic) = self.topic.get()
-            && topic.subscribers() > 0
+            && (topic.keeps() || topic.subscribers() > 0)
         {
             let mut unheard = lock(&self.unheard);
             unheard.drain(..).for_each(|message| topic.send(message));

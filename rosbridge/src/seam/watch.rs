@@ -7,8 +7,9 @@ use std::time::Duration;
 use rosrust::api::{Ros, resolve};
 
 use super::life::Life;
+use super::lock;
+use super::ros1::Parts;
 use super::speech::{Severity, Speech};
-use super::{Parts, lock};
 
 const PERIOD: Duration = Duration::from_millis(500);
 /// So many questions in a row without an answer, and the master is lost.

@@ -82,6 +82,7 @@ pub(crate) fn node(name: &str) -> Result<Node, NodeError> {
         name: name.to_owned(),
         network: false,
         time,
+        domain: None,
     })
 }
 

@@ -22,6 +22,7 @@ fn node(name: &str, time: TimeBase) -> Node {
         name: name.to_owned(),
         network: false,
         time,
+        domain: None,
     })
     .unwrap()
 }

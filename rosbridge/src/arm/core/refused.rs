@@ -146,7 +146,8 @@ pub(crate) const fn reported(reason: FaultReason) -> &'static str {
 pub(crate) fn second_controller(topic: &str, nodes: &[String]) -> String {
     format!(
         "{topic} has another publisher ({}): two controllers would fight for one arm; end the \
-         other one (a node that was killed stays in the master's list until `rosnode cleanup`)",
+         other one (a node that was killed is known until `rosnode cleanup` in ROS 1, and until its \
+         lease ends in ROS 2)",
         nodes.join(", ")
     )
 }
