@@ -14,13 +14,15 @@ use crate::graph::{Gids, Graph, Guid, Own, prefix};
 use crate::names::{self, BadName, Names};
 use crate::peers;
 use crate::quality::Quality;
-use crate::topic::{Raw, RawReader, RawWriter, Reader, Sample, Unchanged, Writer};
+use crate::topic::{Outlet, Raw, RawReader, RawWriter, Reader, Sample, Unchanged, Writer};
 
 /// Topic of the nodes, which is none of ROS's.
 const GRAPH: &str = "ros_discovery_info";
 const GRAPH_TYPE: &str = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_";
 /// The highest domain that RTPS's ports leave room for.
 const LAST_DOMAIN: u16 = 232;
+/// How often a writer's readers are counted.
+const COUNTING: Duration = Duration::from_millis(250);
 /// Messages of other nodes that wait to be looked at.
 const MOST_NODES: u16 = 256;
 /// Time in which participants on this computer have found each other.
@@ -85,6 +87,8 @@ struct Inner {
     /// Hears what the others tell.
     heard: Mutex<RawReader>,
     joined: Instant,
+    /// This node's writers, and when their readers were last counted.
+    outlets: Mutex<(Vec<Weak<Outlet>>, Instant)>,
     /// Dropped last: it joins DDS's threads.
     dds: DomainParticipant,
 }
@@ -145,6 +149,7 @@ impl Participant {
                 teller,
                 heard: Mutex::new(heard),
                 joined: Instant::now(),
+                outlets: Mutex::new((Vec::new(), Instant::now())),
                 dds,
             }),
         };
@@ -221,6 +226,11 @@ impl Participant {
         }
     }
 
+    /// Counts a writer's readers from now on.
+    pub(crate) fn keep_count(&self, outlet: &Arc<Outlet>) {
+        lock(&self.inner.outlets).0.push(Arc::downgrade(outlet));
+    }
+
     pub(crate) fn downgrade(&self) -> WeakParticipant {
         WeakParticipant(Arc::downgrade(&self.inner))
     }
@@ -295,6 +305,24 @@ impl Inner {
 }
 
 impl WeakParticipant {
+    /// Counts the readers of all writers, unless that was done a moment ago.
+    #[expect(clippy::disallowed_methods, reason = "readers come in wall-clock time")]
+    pub(crate) fn count_readers(&self) {
+        let Some(inner) = self.0.upgrade() else {
+            return;
+        };
+        let mut outlets = lock(&inner.outlets);
+        if outlets.1.elapsed() >= COUNTING {
+            outlets.1 = Instant::now();
+            outlets.0.retain(|outlet| {
+                outlet.upgrade().is_some_and(|outlet| {
+                    outlet.count_readers();
+                    true
+                })
+            });
+        }
+    }
+
     pub(crate) fn name_of(&self, endpoint: &Guid) -> Option<String> {
         let inner = self.0.upgrade()?;
         Some(Participant { inner }.name_of(endpoint))

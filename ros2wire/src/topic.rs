@@ -89,20 +89,43 @@ pub struct Sample<'a> {
 /// Writes to a topic until it is dropped; never waits.
 pub struct Writer {
     participant: Participant,
-    dds: Mutex<RawWriter>,
+    outlet: Arc<Outlet>,
     guid: Guid,
+}
+
+/// A writer, and how many read it.
+pub(crate) struct Outlet {
+    dds: Mutex<RawWriter>,
     readers: AtomicI32,
+}
+
+impl Outlet {
+    /// Takes in what DDS has said of readers; it keeps but a few such notes, so they are looked at now
+    /// and then.
+    pub(crate) fn count_readers(&self) -> usize {
+        let writer = self.dds.lock().unwrap_or_else(PoisonError::into_inner);
+        while let Some(status) = writer.try_recv_status() {
+            if let DataWriterStatus::PublicationMatched { current, .. } = status {
+                self.readers.store(current.count(), Ordering::Relaxed);
+            }
+        }
+        usize::try_from(self.readers.load(Ordering::Relaxed)).unwrap_or(0)
+    }
 }
 
 impl Writer {
     pub(crate) fn new(participant: Participant, writer: RawWriter) -> Self {
         let guid = writer.guid().to_bytes();
         participant.tell(|own| own.writers.push(guid));
+        let outlet = Arc::new(Outlet {
+            dds: Mutex::new(writer),
+            readers: AtomicI32::new(0),
+        });
+        participant.keep_count(&outlet);
         Self {
             participant,
-            dds: Mutex::new(writer),
+            outlet,
             guid,
-            readers: AtomicI32::new(0),
         }
     }
 
@@ -118,20 +141,15 @@ impl Writer {
     }
 
     fn send_with(&self, payload: Vec<u8>, options: WriteOptions) -> bool {
-        let writer = self.dds.lock().unwrap_or_else(PoisonError::into_inner);
+        let writer = self.outlet.dds.lock();
+        let writer = writer.unwrap_or_else(PoisonError::into_inner);
         let raw = Raw(Bytes::from(payload));
         writer.write_with_options(raw, options).is_ok()
     }
 
     /// Number of readers.
     pub fn readers(&self) -> usize {
-        let writer = self.dds.lock().unwrap_or_else(PoisonError::into_inner);
-        while let Some(status) = writer.try_recv_status() {
-            if let DataWriterStatus::PublicationMatched { current, .. } = status {
-                self.readers.store(current.count(), Ordering::Relaxed);
-            }
-        }
-        usize::try_from(self.readers.load(Ordering::Relaxed)).unwrap_or(0)
+        self.outlet.count_readers()
     }
 }
 
@@ -184,7 +202,7 @@ impl Reader {
     ) -> Result<Self, WireError> {
         let guid = reader.guid().to_bytes();
         let ended = Arc::new(AtomicBool::new(false));
-        let told = Arc::clone(&ended);
+        let (told, counted) = (Arc::clone(&ended), participant.downgrade());
         let thread = std::thread::Builder::new()
             .name(format!("ros2 {name}"))
             .spawn(move || {
@@ -209,6 +227,7 @@ impl Reader {
                             return;
                         }
                     }
+                    counted.count_readers();
                     std::thread::park_timeout(SLEEP);
                 }
             })
