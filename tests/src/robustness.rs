@@ -49,7 +49,6 @@ fn an_audit_sees_a_broken_limit() {
     assert_eq!(outcome.violations[0].kind, "no verdict in time");
 }
 
-/// A marker that breathing carries by 5 mm: the asked 0.5 mm median is kept by every single run.
 /// On the springs model nothing holds the tip, as the predictor first takes it to be.
 #[test]
 fn a_tip_that_nothing_holds_is_steered_too() {
@@ -72,6 +71,7 @@ fn a_tip_that_nothing_holds_is_steered_too() {
     }
 }
 
+/// A marker that breathing carries by 5 mm: the asked 0.5 mm median is kept by every single run.
 #[test]
 fn a_breathing_target_is_met() {
     for (seed, ratio) in [(1000, 0.2), (1001, 0.5)] {

@@ -64,15 +64,14 @@ impl Filter {
         let b = s.start_disturbance_deg.to_radians().powi(2);
         let along = (size * s.cut_angle_sigma).powi(2);
         let across = (size * s.cut_across_sigma).powi(2);
-        let (compliance, by_force, by_base) = match behaviour {
-            Behaviour::Held => (s.tip_compliance_deg_n, 0.0, 0.0),
+        let compliance = s.tip_compliance_deg_n.to_radians();
+        let (by_force, by_base) = match behaviour {
+            Behaviour::Held => (0.0, 0.0),
             Behaviour::Free => (
-                s.tip_compliance_deg_n,
-                s.tip_compliance_sigma_deg_n,
+                s.tip_compliance_sigma_deg_n.to_radians(),
                 s.tip_yielding_sigma,
             ),
         };
-        let [compliance, by_force] = [compliance, by_force].map(f64::to_radians);
         Self {
             x: SVector::from([position.x, position.y, 0.0, 0.0, size, 0.0, compliance, 0.0]),
             p: SMatrix::from_diagonal(&SVector::from([

@@ -61,6 +61,9 @@ pub struct Observation<'a> {
     pub direction_sigma: f64,
     /// Visible points of the shaft and their standard deviations \[m\]; may be empty.
     pub shaft: &'a [(Point3<f64>, f64)],
+    /// Whether the tissue carries the tip, as far as the needle alone shows: what its motion leaves
+    /// in the measurements says nothing about how the tip yields to forces.
+    pub carried: bool,
 }
 
 /// What became of a measurement.

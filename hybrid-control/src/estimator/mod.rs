@@ -67,8 +67,6 @@ pub struct Estimator {
     /// Measured tip beside its hole while it is drawn back, filtered \[m\]: the tissue is stretched.
     beside_hole: Vector2<f64>,
     observations: u64,
-    /// The tissue moves the tip.
-    carried: bool,
     /// Way of the tip as far as the model moved it, without what measurements changed \[m, World\].
     way: Vector3<f64>,
     start: Start,
@@ -158,16 +156,9 @@ impl Estimator {
             slope_offset: Vector2::zeros(),
             beside_hole: Vector2::zeros(),
             observations: 0,
-            carried: false,
             way: Vector3::zeros(),
             start: *start,
         })
-    }
-
-    /// Whether the tissue carries the tip from now on, as far as the needle alone shows: what its
-    /// motion leaves in the measurements says nothing about how the tip yields to forces.
-    pub fn carry(&mut self, carried: bool) {
-        self.carried = carried;
     }
 
     /// Takes in a measurement, at its own time.
@@ -232,7 +223,7 @@ impl Estimator {
         m.filter.measure_position(
             &(position.coords.xy() - slope * ahead),
             o.position_sigma.max(LEAST_SIGMA),
-            self.carried,
+            o.carried,
         );
         if axis.z > 0.3 {
             let difference = Vector2::new(axis.x / axis.z, axis.y / axis.z) - slope;

@@ -177,6 +177,7 @@ pub(crate) fn insert(case: &Case<'_>) -> Outcome {
                 direction: Unit::new_normalize(r.axis),
                 direction_sigma,
                 shaft: &r.shaft,
+                carried: false,
             });
         }
         let now = Stamp::from_secs(time);

@@ -55,8 +55,6 @@ impl Cycle {
         self.trace
             .observe(shape.stamp, &tip_at_rest, &axis_at_rest, &self.shaft);
         self.telemetry.model.path_off = self.trace.stretch().unwrap_or(f64::NAN);
-        self.estimator
-            .carry(self.tissue_moves() && !self.tissue.is_marked());
         let health = self.estimator.observe(&Observation {
             stamp: shape.stamp,
             world_from_base: then.map_or(base, |field| field.pose_to_rest(&base)),
@@ -65,6 +63,7 @@ impl Cycle {
             direction: axis_at_rest,
             direction_sigma: shape.tip.direction_sigma,
             shaft: &self.shaft,
+            carried: self.tissue_moves() && !self.tissue.is_marked(),
         });
         self.tell_sway(shape, &base, sigma);
         self.telemetry.tracking = match health {

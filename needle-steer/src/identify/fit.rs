@@ -385,6 +385,7 @@ fn pass(recording: &Recording, estimator: &mut Estimator) -> Found {
                 0.5
             },
             shaft: &seen.shaft,
+            carried: false,
         });
         estimator.predict(seen.stamp, &seen.world_from_support);
         depth = depth.max(estimator.depth());
