@@ -1,6 +1,8 @@
 //! The clocks of a run.
 
 use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
 use hal::{Clock, Stamp};
@@ -52,22 +54,18 @@ impl fmt::Debug for LockstepClock {
 const CATCH_UP: Duration = Duration::from_millis(200);
 
 /// Virtual time at the pace of the wall clock: the same run as in [`LockstepClock`], real-time
-/// factor 1. On a machine that is too slow, it falls behind rather than skip.
+/// factor 1. On a machine that is too slow, it falls behind rather than skip, and all who read the
+/// same [`WallTime`] with it.
 #[derive(Debug)]
 pub struct PacedClock {
     virtual_time: LockstepClock,
     wall: WallTime,
-    lag: Duration,
 }
 
 impl PacedClock {
     /// Paces `virtual_time`, both starting with `wall`.
-    pub fn new(virtual_time: LockstepClock, wall: WallTime) -> Self {
-        Self {
-            virtual_time,
-            wall,
-            lag: Duration::ZERO,
-        }
+    pub const fn new(virtual_time: LockstepClock, wall: WallTime) -> Self {
+        Self { virtual_time, wall }
     }
 }
 
@@ -79,30 +77,48 @@ impl Clock for PacedClock {
     #[expect(clippy::disallowed_methods, reason = "this is the clock of the edge")]
     fn wait_until(&mut self, deadline: Stamp) {
         self.virtual_time.wait_until(deadline);
-        let due = self.virtual_time.now() + self.lag;
+        let due = self.virtual_time.now();
         let wall = self.wall.now();
         std::thread::sleep(due.since(wall));
         let late = wall.since(due);
         if late > CATCH_UP {
-            self.lag += late;
+            self.wall.fall_behind(late);
         }
     }
 }
 
-/// Wall-clock time since an origin; may be read from any thread.
-#[derive(Clone, Copy, Debug)]
-pub struct WallTime(Instant);
+/// Wall-clock time since an origin, less what a [`PacedClock`] fell behind; may be read from any
+/// thread. Clones are the same time.
+#[derive(Clone, Debug)]
+pub struct WallTime {
+    origin: Instant,
+    /// \[ns\]
+    behind: Arc<AtomicU64>,
+}
 
 impl WallTime {
     /// Time that counts from now on.
     #[expect(clippy::disallowed_methods, reason = "this is the clock of the edge")]
     pub fn start() -> Self {
-        Self(Instant::now())
+        Self {
+            origin: Instant::now(),
+            behind: Arc::default(),
+        }
     }
 
     /// The present time.
     pub fn now(&self) -> Stamp {
-        Stamp::ZERO + self.0.elapsed()
+        Stamp::ZERO + self.origin.elapsed().saturating_sub(self.behind())
+    }
+
+    /// How far it is behind the wall clock, for good.
+    pub fn behind(&self) -> Duration {
+        Duration::from_nanos(self.behind.load(Ordering::Acquire))
+    }
+
+    fn fall_behind(&self, by: Duration) {
+        let by = u64::try_from(by.as_nanos()).unwrap_or(u64::MAX);
+        self.behind.fetch_add(by, Ordering::AcqRel);
     }
 }
 
@@ -222,14 +238,18 @@ mod tests {
         let world = LockstepClock::new(Duration::from_millis(4), move |t| {
             log.lock().unwrap().push(t.as_nanos() / 1_000_000);
         });
-        let mut clock = PacedClock::new(world, wall);
+        let mut clock = PacedClock::new(world, wall.clone());
         clock.wait_until(Stamp::from_secs(0.008));
         assert!(wall.now() >= Stamp::from_secs(0.008));
+        assert_eq!(wall.behind(), Duration::ZERO);
         #[expect(clippy::disallowed_methods, reason = "a pause of the machine")]
         std::thread::sleep(Duration::from_millis(300));
         clock.wait_until(Stamp::from_secs(0.012));
         assert_eq!(clock.now(), Stamp::from_secs(0.012));
+        // Who shares the time is in step again.
+        assert!(wall.behind() >= Duration::from_millis(290));
         let before = wall.now();
+        assert!(before.since(clock.now()) < CATCH_UP, "{before:?}");
         clock.wait_until(Stamp::from_secs(0.052));
         assert!(
             wall.now().since(before) >= Duration::from_millis(39),

@@ -99,9 +99,9 @@ pub fn connect(
         workspace: config.workspace(),
         caps: SpeedCaps::INSERTING,
     });
+    let mut clock = WallClock::since(time.clone());
     let mut arm = ViperArm::run(core, Arc::new(move || time.now()))?;
     let host = config.viper.host.clone();
-    let mut clock = WallClock::since(time);
     await_link(&arm, &mut clock, CONNECT).map_err(|source| HostError::Link {
         host: host.clone(),
         source,

@@ -128,7 +128,8 @@ impl Hand {
         {
             self.active = Some(Active {
                 motion,
-                since: arrived,
+                // A run that fell behind the node's time would hold on to it longer.
+                since: arrived.min(now),
                 from: arm.positions,
             });
         }

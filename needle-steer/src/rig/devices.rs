@@ -53,7 +53,7 @@ pub(super) struct Devices {
 }
 
 /// How the time of a simulated world passes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub enum Pace {
     /// As fast as it goes.
     Free,
@@ -65,10 +65,10 @@ pub enum Pace {
 
 impl Pace {
     /// The wall-clock time that it keeps, or may keep from now on.
-    fn time(self) -> WallTime {
+    fn time(&self) -> WallTime {
         match self {
             Self::Free => WallTime::start(),
-            Self::Paced(time) | Self::Wall(time) => time,
+            Self::Paced(time) | Self::Wall(time) => time.clone(),
         }
     }
 }
@@ -164,7 +164,7 @@ impl Place {
             return Err(missing("cameras.calibration and cameras.registration"));
         }
         let time = link.map_or_else(WallTime::start, Link::time);
-        let (tracker, eyes) = match (tracked(config, time, &self.left_from_world)?, link) {
+        let (tracker, eyes) = match (tracked(config, time.clone(), &self.left_from_world)?, link) {
             (Some((tracker, eyes)), _) => (Some(tracker), eyes),
             (None, Some(link)) => (None, link.eyes(config)?),
             (None, None) => {
@@ -174,7 +174,7 @@ impl Place {
             }
         };
         let marker = link.map_or_else(|| Ok(MarkerEyes::default()), |link| link.marker(config))?;
-        let (arm, _) = host::connect(config, &self.chain, Some(&self.joints), time)?;
+        let (arm, _) = host::connect(config, &self.chain, Some(&self.joints), time.clone())?;
         Ok(Devices {
             clock: Box::new(WallClock::since(time)),
             arm: Box::new(arm),
@@ -193,7 +193,7 @@ impl Place {
         config: &Config,
         time: WallTime,
     ) -> Result<Devices, RigBuildError> {
-        let (arm, _) = host::connect(config, &self.chain, None, time)?;
+        let (arm, _) = host::connect(config, &self.chain, None, time.clone())?;
         Ok(Devices {
             clock: Box::new(WallClock::since(time)),
             arm: Box::new(arm),
@@ -282,7 +282,7 @@ impl ArmParts {
                     let time = WallTime::start();
                     // Checks alone show where the arm is, wherever it stands.
                     let start = config.run.dry_run_air.then_some(joints);
-                    let (arm, body) = host::connect(config, chain, start, time)?;
+                    let (arm, body) = host::connect(config, chain, start, time.clone())?;
                     return Ok(Self {
                         time: Some(time),
                         ..Self::new(arm, body)

@@ -12,6 +12,7 @@ use vision::StereoRig;
 use vision::camera::Camera;
 
 use super::Link;
+use crate::clock::WallTime;
 use crate::config::{Backend, Config};
 use crate::cycle::Bearings;
 use crate::remote::Interface;
@@ -21,6 +22,8 @@ use crate::rig;
 #[derive(Debug)]
 pub(crate) struct Door {
     node: Node,
+    /// The time that the node shares with the run.
+    time: WallTime,
     bridge: Bridge,
     /// The phase that was said last.
     phase: Phase,
@@ -63,6 +66,7 @@ impl Door {
             bridge,
             phase: Phase::Idle,
             node: link.node.clone(),
+            time: link.time(),
             shows_images: match config.run.backend {
                 Backend::Sim => true,
                 Backend::Viper => config.viper.emulate,
@@ -81,9 +85,11 @@ impl Interface for Door {
         self.bridge.show(Arc::clone(telemetry));
     }
 
-    /// The arm's time is the node's where that is simulated.
+    /// The arm's time is the node's where that is simulated; a simulation that fell behind takes the node
+    /// with it.
     fn show_arm(&mut self, state: &ArmState) {
         self.node.set_time(state.stamp);
+        self.node.fall_behind(self.time.behind());
         self.bridge.show_arm(*state);
     }
 

@@ -61,7 +61,7 @@ pub fn serve(
     let pace = if lockstep {
         Pace::Free
     } else {
-        Pace::Wall(link.time)
+        Pace::Wall(link.time())
     };
     let mut rig = Rig::simulated(&config, pace)?;
     let (Some(simulated), Some(truth)) = (rig.simulated_arm.take(), rig.world.take()) else {

@@ -149,8 +149,8 @@ impl Link {
     }
 
     /// The time that the node shares with the run.
-    pub(crate) const fn time(&self) -> WallTime {
-        self.time
+    pub(crate) fn time(&self) -> WallTime {
+        self.time.clone()
     }
 
     /// What sees the needle over topics: cameras, or a tracker.
@@ -199,7 +199,7 @@ impl Link {
     /// The pace of a simulated world that the node shows.
     pub(crate) fn pace(&self) -> Pace {
         match self.clock {
-            RosClock::Wall => Pace::Paced(self.time),
+            RosClock::Wall => Pace::Paced(self.time()),
             RosClock::Simulated => Pace::Free,
         }
     }
@@ -236,7 +236,7 @@ impl Link {
         let laboratory = RemoteLaboratory::new(Laboratory::new(node)?);
         let arm = RosArm::new(node, options)?;
         let eyes = self.eyes(config)?;
-        let mut clock = WallClock::since(self.time);
+        let mut clock = WallClock::since(self.time());
         let patience = clock.now() + TRUTH;
         while !laboratory.is_known() && clock.now() < patience {
             let next = clock.now() + Duration::from_millis(10);

@@ -11,6 +11,7 @@ mod back_end;
 mod dead_arm;
 mod dead_man;
 mod faults;
+mod hiccup;
 mod images;
 mod launch;
 mod lifecycle;

@@ -187,16 +187,22 @@ pub(crate) struct NodeClock {
     base: TimeBase,
     /// Nanoseconds, where time is not wall-clock time.
     told: Arc<AtomicU64>,
+    /// How far the run's clock is behind wall-clock time by now \[ns\].
+    behind: Arc<AtomicU64>,
 }
 
 impl NodeClock {
-    /// The present time on the run's clock; monotonic.
+    /// The present time on the run's clock; monotonic but where that falls behind the wall clock.
     pub(crate) fn now(&self) -> Stamp {
         if let TimeBase::Simulated | TimeBase::Remote = self.base {
             return Stamp::from_nanos(self.told.load(Ordering::Acquire));
         }
         let (stamp, instant) = self.started;
-        stamp + instant.elapsed()
+        stamp + instant.elapsed() - self.fallen()
+    }
+
+    fn fallen(&self) -> Duration {
+        Duration::from_nanos(self.behind.load(Ordering::Acquire))
     }
 
     /// Tells the time where it is not wall-clock time; it never goes back.
@@ -207,7 +213,7 @@ impl NodeClock {
     /// ROS time of a stamp of the run.
     pub(crate) fn ros_stamp(&self, stamp: Stamp) -> Stamp {
         match self.base {
-            TimeBase::Wall { origin } => stamp + origin,
+            TimeBase::Wall { origin } => stamp + origin + self.fallen(),
             // rosrust replaces a stamp of zero by its own clock.
             TimeBase::Simulated | TimeBase::Remote => stamp.max(FIRST),
         }
@@ -223,7 +229,7 @@ impl NodeClock {
     pub(crate) fn run_stamp(&self, time: Time) -> Stamp {
         let stamp = crate::convert::stamp(time);
         match self.base {
-            TimeBase::Wall { origin } => stamp - origin,
+            TimeBase::Wall { origin } => stamp - origin - self.fallen(),
             TimeBase::Simulated | TimeBase::Remote if stamp == FIRST => Stamp::ZERO,
             TimeBase::Simulated | TimeBase::Remote => stamp,
         }
@@ -255,6 +261,7 @@ impl Node {
             started: (started, Instant::now()),
             base: options.time,
             told: Arc::default(),
+            behind: Arc::default(),
         };
         let speech = Arc::new(Speech::new(carrier.name(), clock.clone()));
         let node = Self {
@@ -301,6 +308,13 @@ impl Node {
     /// Tells the time of the run's clock, where that is not wall-clock time.
     pub fn set_time(&self, now: Stamp) {
         self.inner.clock.tell(now);
+    }
+
+    /// Tells how far the run's clock is behind wall-clock time for good: ROS time goes on with the wall,
+    /// so that what the run stamps from now on is dated as late as it comes.
+    pub fn fall_behind(&self, by: Duration) {
+        let by = u64::try_from(by.as_nanos()).unwrap_or(u64::MAX);
+        self.inner.clock.behind.store(by, Ordering::Release);
     }
 
     /// The present time on the run's clock.
