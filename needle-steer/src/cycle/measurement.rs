@@ -43,12 +43,13 @@ impl Cycle {
         self.tissue.see_tip(shape.stamp, &tip, &axis, sigma);
         let then = self.tissue.field(shape.stamp);
         let at_rest = |p: Point3<f64>| then.map_or(p, |field| field.point_to_rest(&p));
+        let moved = self.tissue.sigma(shape.stamp);
         self.shaft.clear();
         self.shaft.extend(
             shape
                 .points
                 .iter()
-                .map(|p| (at_rest(in_world(&p.position)), p.sigma)),
+                .map(|p| (at_rest(in_world(&p.position)), p.sigma.hypot(moved))),
         );
         let tip_at_rest = at_rest(tip);
         let axis_at_rest = then.map_or(axis, |field| field.direction_to_rest(&axis));
@@ -59,7 +60,7 @@ impl Cycle {
             stamp: shape.stamp,
             world_from_base: then.map_or(base, |field| field.pose_to_rest(&base)),
             position: tip_at_rest,
-            position_sigma: sigma,
+            position_sigma: sigma.hypot(moved),
             direction: axis_at_rest,
             direction_sigma: shape.tip.direction_sigma,
             shaft: &self.shaft,
