@@ -4,7 +4,7 @@ use hal::{Stamp, StereoCamera, Transform};
 use nalgebra::{Isometry3, Vector3};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
 use phantom::experiment::default_setup;
-use phantom::{Bench, Settings, SettingsError};
+use phantom::{Bench, ContinuumPlant, Plant, Settings, SettingsError, Setup};
 use toml::{Table, Value};
 
 use crate::support::{Dice, finite};
@@ -12,7 +12,7 @@ use crate::support::{Dice, finite};
 /// Key, lowest, highest.
 type Range = (&'static str, f64, f64);
 
-const RANGES: [Range; 75] = [
+const RANGES: [Range; 80] = [
     ("needle.length_mm", 20.0, 400.0),
     ("needle.outer_diameter_mm", 0.2, 3.0),
     ("needle.inner_diameter_mm", 0.0, 2.99),
@@ -88,6 +88,11 @@ const RANGES: [Range; 75] = [
     ("spread.azimuth_deg", 0.0, 60.0),
     ("spread.tilt_deg", 0.0, 5.0),
     ("spread.pre_insertion_mm", 0.0, 50.0),
+    ("continuum.face_pressure_ratio", 0.0, 300.0),
+    ("continuum.indent_n_m", 50.0, 1e5),
+    ("continuum.puncture_n", 0.0, 5.0),
+    ("continuum.edge_offset_ratio", 0.0, 1.0),
+    ("continuum.slit_memory_mm", 0.1, 30.0),
 ];
 
 const CAMERA_RANGES: [Range; 44] = [
@@ -274,10 +279,36 @@ fn every_number_of_the_cameras_has_its_range() {
     });
 }
 
-/// In, aside and around, on, and out again; everything seen must be finite.
+/// The bench over the plant `continuum`; none where it refuses the settings (a guide).
+fn continuum(settings: &Settings, seed: u64) -> Option<(Bench, Setup)> {
+    let setup = default_setup(settings, seed);
+    let place = &setup.world_from_phantom;
+    let made = Bench::with_plant(settings, &setup, |base| {
+        let plant = ContinuumPlant::new(settings, place, base, seed)?;
+        Ok::<Box<dyn Plant>, SettingsError>(Box::new(plant))
+    });
+    match made {
+        Ok(bench) => Some((bench, setup)),
+        Err(SettingsError::Inconsistent { .. }) => None,
+        Err(other) => unreachable!("{other}"),
+    }
+}
+
+/// Both plants.
+fn ride_all(settings: &Settings, seed: u64, name: &str) {
+    ride(settings, seed, name);
+    if let Some((bench, setup)) = continuum(settings, seed) {
+        ride_on(bench, &setup, &format!("continuum, {name}"));
+    }
+}
+
 fn ride(settings: &Settings, seed: u64, name: &str) -> Bench {
     let setup = default_setup(settings, seed);
-    let mut bench = Bench::new(settings, &setup).unwrap();
+    ride_on(Bench::new(settings, &setup).unwrap(), &setup, name)
+}
+
+/// In, aside and around, on, and out again; everything seen must be finite.
+fn ride_on(mut bench: Bench, setup: &Setup, name: &str) -> Bench {
     bench.attach_marker(&Vector3::new(0.4, 0.0, 0.2));
     let mut pose = *setup.world_from_base.isometry();
     let mut seconds = 0.0;
@@ -321,7 +352,7 @@ fn the_ends_of_every_range_can_be_simulated() {
             tables.dedup();
             for table in tables {
                 match settings(table) {
-                    Ok(settings) => drop(ride(&settings, 5, &format!("{key} = {x}"))),
+                    Ok(settings) => ride_all(&settings, 5, &format!("{key} = {x}")),
                     Err(e) => assert!(matches!(e, SettingsError::Inconsistent { .. }), "{e}"),
                 }
             }
@@ -352,7 +383,7 @@ fn any_mixture_of_allowed_settings_can_be_simulated() {
             }
         }
         let settings = settings(table).unwrap();
-        ride(&settings, seed, &format!("{settings:?}"));
+        ride_all(&settings, seed, &format!("{settings:?}"));
     }
 }
 
