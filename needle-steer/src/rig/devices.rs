@@ -6,7 +6,7 @@ use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::{Arm, Clock, Transform};
 use nalgebra::Isometry3;
 use phantom::camera::StereoRig;
-use phantom::{Bench, ContinuumPlant, Draw, Plant, bench::Setup};
+use phantom::{Bench, Draw, Plant, bench::Setup};
 use robots::kinematics::Chain;
 use robots::sim::{SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
@@ -91,11 +91,7 @@ impl Place {
         let bench = match (plant, config.run.plant) {
             (Some(plant), _) => Bench::with_plant(&settings, &setup, plant)?,
             (None, PlantKind::Phantom) => Bench::new(&settings, &setup)?,
-            (None, PlantKind::Continuum) => Bench::with_plant(&settings, &setup, |true_base| {
-                let entry = &setup.world_from_phantom;
-                let plant = ContinuumPlant::new(&settings, entry, true_base, setup.seed)?;
-                Ok::<Box<dyn Plant>, RigBuildError>(Box::new(plant))
-            })?,
+            (None, PlantKind::Continuum) => Bench::continuum(&settings, &setup)?,
             (None, PlantKind::Springs) => Bench::with_plant(&settings, &setup, |true_base| {
                 twin(config, &settings, true_base)
             })?,
