@@ -33,8 +33,9 @@ use beam::{Beam, STEEPEST};
 use kernel::{HalfSpace, Source};
 use tip::Cut;
 
-/// Length of the beam's edges \[m\].
+/// Length of the beam's edges \[m\], and how many there are at most: long needles have longer ones.
 const EDGE: f64 = 2e-3;
+const MOST_EDGES: f64 = 128.0;
 /// Longest way of the base, and largest turn, in one equilibrium \[m, rad\].
 const LONGEST_STEP: f64 = 0.1e-3;
 const LARGEST_TURN: f64 = 0.15;
@@ -76,6 +77,8 @@ pub struct ContinuumPlant {
     /// All forces on the needle but the holder's, and those at its tip \[N\].
     loads: Vector3<f64>,
     face: Vector3<f64>,
+    /// Whether the last step found no equilibrium.
+    unbalanced: bool,
     /// Axial slide of the shaft against its friction, from -1 to 1.
     slid: f64,
     /// Twist of the tip against the base \[rad\].
@@ -124,7 +127,7 @@ impl ContinuumPlant {
             clippy::cast_sign_loss,
             reason = "needles are a few metres long at most"
         )]
-        let edges = (whole / EDGE).round().max(8.0) as usize;
+        let edges = (whole / EDGE).round().clamp(8.0, MOST_EDGES) as usize;
         let (base, axis) = (Vector3::zeros(), Vector3::z());
         let mut plant = Self {
             settings: settings.clone(),
@@ -148,6 +151,7 @@ impl ContinuumPlant {
             entering: 0.0,
             loads: Vector3::zeros(),
             face: Vector3::zeros(),
+            unbalanced: false,
             slid: 0.0,
             torsion: 0.0,
             truth: Truth::straight(world_from_base, whole, n.elements, outer, bevel),
@@ -267,6 +271,7 @@ impl Plant for ContinuumPlant {
         self.placement = Placement::at_rest();
         self.seconds = 0.0;
         self.entering = 0.0;
+        self.unbalanced = false;
         self.slid = 0.0;
         self.torsion = 0.0;
         let n = &self.settings.needle;

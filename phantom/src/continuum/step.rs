@@ -277,7 +277,8 @@ impl ContinuumPlant {
             loads: Vector3::zeros(),
         };
         let base = self.pose.translation.vector;
-        let found = self.beam.settle(&base, &mut tissue);
+        let found = self.beam.settle(&base, &mut tissue, self.unbalanced);
+        self.unbalanced = !found.converged;
         if found.converged {
             face += tissue.seating;
             self.face = face;

@@ -279,9 +279,20 @@ fn every_number_of_the_cameras_has_its_range() {
     });
 }
 
-/// Both plants.
-fn ride_all(settings: &Settings, seed: u64, name: &str) {
-    ride(settings, seed, name);
+/// What the plant `continuum` reads; robot and sensors are those of the rod's bench.
+const CONTINUUM: [&str; 8] = [
+    "needle.",
+    "tissue.stiffness",
+    "tissue.tear",
+    "tip.",
+    "friction.",
+    "motion.",
+    "guide.",
+    "continuum.",
+];
+
+/// The same with the plant `continuum`.
+fn ride_continuum(settings: &Settings, seed: u64, name: &str) {
     let setup = default_setup(settings, seed);
     match Bench::continuum(settings, &setup) {
         Ok(bench) => drop(ride_on(bench, &setup, &format!("continuum, {name}"))),
@@ -340,7 +351,13 @@ fn the_ends_of_every_range_can_be_simulated() {
             tables.dedup();
             for table in tables {
                 match settings(table) {
-                    Ok(settings) => ride_all(&settings, 5, &format!("{key} = {x}")),
+                    Ok(settings) => {
+                        let name = format!("{key} = {x}");
+                        ride(&settings, 5, &name);
+                        if CONTINUUM.iter().any(|read| key.starts_with(read)) {
+                            ride_continuum(&settings, 5, &name);
+                        }
+                    }
                     Err(e) => assert!(matches!(e, SettingsError::Inconsistent { .. }), "{e}"),
                 }
             }
@@ -371,7 +388,11 @@ fn any_mixture_of_allowed_settings_can_be_simulated() {
             }
         }
         let settings = settings(table).unwrap();
-        ride_all(&settings, seed, &format!("{settings:?}"));
+        let name = format!("{settings:?}");
+        ride(&settings, seed, &name);
+        if seed < 10 {
+            ride_continuum(&settings, seed, &name);
+        }
     }
 }
 
