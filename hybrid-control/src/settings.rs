@@ -112,7 +112,7 @@ impl Default for EstimatorSettings {
             cut_angle_deg: 1.5,
             cut_angle_sigma: 0.4,
             cut_across_sigma: 0.25,
-            bevel_walk: 0.3,
+            bevel_walk: 0.04,
             disturbance_walk_deg: 0.3,
             start_disturbance_deg: 0.3,
             disturbance_fade_mm: 60.0,
