@@ -71,8 +71,8 @@ fn a_tip_that_nothing_holds_is_steered_too() {
     }
 }
 
-/// In a half-space the tip is half held, and the duty cycle is no predictor's: both laws that move the
-/// base hit aligned targets as on the phantom, and by hand alone a bevel keeps them.
+/// In a half-space the tip is half held and the slit follows the bevel late: aligned targets are hit by
+/// base, by both and by the bevel alone, one aside by law `paper`.
 #[test]
 fn a_needle_in_a_half_space_is_steered() {
     for (law, angle, most) in [

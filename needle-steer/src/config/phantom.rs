@@ -114,8 +114,8 @@ impl Config {
             {
                 return Err(Invalid {
                     key: "run.plant".to_owned(),
-                    problem: "the plant continuum has no guide: set needle.support = \"base\" and \
-                              phantom.guide.gap_mm = 0, or run.plant = \"phantom\""
+                    problem: "the plant continuum has no guide: set needle.support = \"base\", or run.plant = \
+                              \"phantom\""
                         .to_owned(),
                 });
             }
@@ -190,7 +190,8 @@ mod tests {
         let refused = config.validate().unwrap_err();
         assert_eq!(refused.key, "needle.bevel_deg");
         assert!(refused.problem.contains("5 to 85"), "{refused:?}");
-        let guided = of(&["run.plant=continuum", "phantom.guide.gap_mm=20"]);
+        let mut guided = of(&["needle.support=guide", "needle.guide_gap_mm=20"]);
+        guided.run.plant = PlantKind::Continuum;
         assert_eq!(guided.validate().unwrap_err().key, "run.plant");
         config
             .phantom
