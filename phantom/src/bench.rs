@@ -5,6 +5,7 @@ use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform}
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::camera::StereoRig;
+use crate::continuum::ContinuumPlant;
 use crate::draw::Draw;
 use crate::marker::{MarkerSensor, SensedMarker};
 use crate::needle::RodPlant;
@@ -71,6 +72,18 @@ impl Bench {
                 world_from_base,
                 setup.seed,
             )?;
+            Ok(Box::new(plant))
+        })
+    }
+
+    /// A bench over the needle in a half-space.
+    ///
+    /// # Errors
+    /// As [`Bench::new`], and what [`ContinuumPlant::new`] refuses.
+    pub fn continuum(settings: &Settings, setup: &Setup) -> Result<Self, SettingsError> {
+        Self::with_plant(settings, setup, |world_from_base| {
+            let place = &setup.world_from_phantom;
+            let plant = ContinuumPlant::new(settings, place, world_from_base, setup.seed)?;
             Ok(Box::new(plant))
         })
     }

@@ -5,6 +5,7 @@
 //! model: **architecture invariant:** this crate depends on `hal` alone of ours.
 //!
 //! Reading order: [`settings`] says what there is; [`needle`] steps the rod in its tissue;
+//! [`continuum`] is another needle in another tissue;
 //! [`mod@bench`] adds the robot's flaws and the sensors; [`experiment`] scores the paper's
 //! uncontrolled insertion. `docs/PHANTOM.md` explains the physics.
 
@@ -13,6 +14,7 @@ pub mod view;
 pub mod truth;
 pub mod plant;
 pub mod needle;
+pub mod continuum;
 pub mod given;
 pub mod draw;
 pub mod robot;
@@ -35,6 +37,7 @@ mod tissue;
 mod twist;
 
 pub use bench::{Bench, Setup};
+pub use continuum::ContinuumPlant;
 pub use draw::Draw;
 pub use given::{GivenPlant, ShapeSource};
 pub use marker::SensedMarker;

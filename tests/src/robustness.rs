@@ -71,6 +71,37 @@ fn a_tip_that_nothing_holds_is_steered_too() {
     }
 }
 
+/// In a half-space the tip is half held and the slit follows the bevel late: aligned targets are hit by
+/// base, by both and by the bevel alone, one aside by law `paper`.
+#[test]
+fn a_needle_in_a_half_space_is_steered() {
+    for (law, angle, most) in [
+        ("hybrid", 0.0, 0.15),
+        ("paper", 0.0, 0.25),
+        ("tip-only", 0.0, 0.25),
+        ("paper", 135.0, 0.25),
+    ] {
+        for seed in [1011, 1012] {
+            let sets = [
+                "run.plant=continuum".to_owned(),
+                "run.sensor=shape".to_owned(),
+                format!("run.law={law}"),
+                format!("run.seed={seed}"),
+                format!("target.offset_mm={}", if angle > 0.0 { 10.0 } else { 0.0 }),
+                format!("target.angle_deg={angle:?}"),
+            ];
+            let summary = simulate(&config::load(None, &sets).unwrap()).unwrap();
+            assert_eq!(summary.ended, Ended::TargetPassed, "{law}: {summary:?}");
+            // What no simulation may hide: lost balance, a shaft that gave way.
+            assert!(summary.events.is_empty(), "{law}: {:?}", summary.events);
+            assert!(
+                summary.true_error_mm.is_some_and(|off| off < most),
+                "{law}: {summary:?}"
+            );
+        }
+    }
+}
+
 /// A marker that breathing carries by 5 mm: the asked 0.5 mm median is kept by every single run.
 #[test]
 fn a_breathing_target_is_met() {

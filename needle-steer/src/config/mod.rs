@@ -178,6 +178,8 @@ pub enum PlantKind {
     /// its former name.
     #[serde(alias = "model")]
     Springs,
+    /// A bevel that cuts by a balance of forces in an elastic half-space.
+    Continuum,
 }
 
 /// What closes the loop.

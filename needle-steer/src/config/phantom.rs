@@ -3,7 +3,7 @@
 
 use phantom::{Settings, SettingsError};
 
-use super::{Config, Invalid, Needle};
+use super::{Config, Invalid, Needle, PlantKind};
 use crate::guide::Guide;
 
 /// A key of `[phantom.needle]` and where `[needle]` has it.
@@ -107,8 +107,19 @@ impl Config {
     }
 
     pub(super) fn validate_phantom(&self) -> Result<(), Invalid> {
-        let Err(error) = self.phantom_settings() else {
-            return Ok(());
+        let error = match self.phantom_settings() {
+            Err(error) => error,
+            Ok(settings)
+                if self.run.plant == PlantKind::Continuum && settings.guide.gap_mm > 0.0 =>
+            {
+                return Err(Invalid {
+                    key: "run.plant".to_owned(),
+                    problem: "the plant continuum has no guide: set needle.support = \"base\", or run.plant = \
+                              \"phantom\""
+                        .to_owned(),
+                });
+            }
+            Ok(_) => return Ok(()),
         };
         let key = match &error {
             SettingsError::UnknownPreset { .. } => "run.phantom".to_owned(),
@@ -179,6 +190,9 @@ mod tests {
         let refused = config.validate().unwrap_err();
         assert_eq!(refused.key, "needle.bevel_deg");
         assert!(refused.problem.contains("5 to 85"), "{refused:?}");
+        let mut guided = of(&["needle.support=guide", "needle.guide_gap_mm=20"]);
+        guided.run.plant = PlantKind::Continuum;
+        assert_eq!(guided.validate().unwrap_err().key, "run.plant");
         config
             .phantom
             .insert("needle".into(), toml::toml! { bevel_deg = 2.0 }.into());

@@ -7,7 +7,7 @@ use hal::{SensedShape, ShapeSensor, Stamp, Transform, Twist};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use phantom::{Bench, Draw, Truth, bench::Setup};
 
-use crate::config::Config;
+use crate::config::{Config, PlantKind};
 
 /// An invalid move.
 #[derive(Debug, thiserror::Error)]
@@ -30,7 +30,8 @@ pub struct Hand {
 }
 
 impl Hand {
-    /// The phantom that `settings` and `seed` say, the tip on the surface of `config`'s tissue.
+    /// The phantom that `settings` and `seed` say, by the physics of `config`'s plant, the tip on the
+    /// surface of its tissue. The springs model is no phantom: its place is taken by the rod.
     ///
     /// # Errors
     /// A setting outside its range, or a place that is no pose.
@@ -47,7 +48,10 @@ impl Hand {
             seed,
         };
         Ok(Self {
-            bench: Bench::new(settings, &setup)?,
+            bench: match config.run.plant {
+                PlantKind::Continuum => Bench::continuum(settings, &setup)?,
+                PlantKind::Phantom | PlantKind::Springs => Bench::new(settings, &setup)?,
+            },
             base,
             period: settings.sensor.rate_hz.recip(),
         })

@@ -3,7 +3,7 @@
 use hybrid_control::Entry;
 
 use super::action::Actions;
-use crate::config::Config;
+use crate::config::{Config, PlantKind};
 
 /// What a policy earns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -123,6 +123,13 @@ impl Settings {
                 key: "repeat",
                 expected: format!("1 to {LONGEST} steps"),
                 found: self.repeat.to_string(),
+            });
+        }
+        if self.config.run.plant == PlantKind::Springs {
+            return Err(EnvError::Value {
+                key: "run.plant",
+                expected: "phantom or continuum".into(),
+                found: "springs".into(),
             });
         }
         if self.phantoms.is_empty() {

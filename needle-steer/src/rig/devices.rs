@@ -91,6 +91,7 @@ impl Place {
         let bench = match (plant, config.run.plant) {
             (Some(plant), _) => Bench::with_plant(&settings, &setup, plant)?,
             (None, PlantKind::Phantom) => Bench::new(&settings, &setup)?,
+            (None, PlantKind::Continuum) => Bench::continuum(&settings, &setup)?,
             (None, PlantKind::Springs) => Bench::with_plant(&settings, &setup, |true_base| {
                 twin(config, &settings, true_base)
             })?,

@@ -4,6 +4,7 @@
 //! carries its unit; unknown keys are refused. Where a value comes from is said as *paper*
 //! (\[Chevrie2016\]), *computed* or *assumed*.
 
+mod continuum;
 mod devices;
 mod preset;
 mod validate;
@@ -11,6 +12,7 @@ mod validate;
 use documented::DocumentedFields;
 use serde::{Deserialize, Serialize};
 
+pub use continuum::ContinuumSettings;
 pub use devices::{EmSettings, GuideSettings};
 pub use preset::PRESETS;
 pub(crate) use preset::merge;
@@ -43,6 +45,8 @@ pub struct Settings {
     pub robot: RobotSettings,
     /// What differs from run to run.
     pub spread: SpreadSettings,
+    /// The bevel and the tissue of the plant `continuum`; the rod's plant does not read them.
+    pub continuum: ContinuumSettings,
 }
 
 impl Settings {
@@ -61,6 +65,7 @@ impl Settings {
             "guide" => GuideSettings::get_field_docs(key),
             "robot" => RobotSettings::get_field_docs(key),
             "spread" => SpreadSettings::get_field_docs(key),
+            "continuum" => ContinuumSettings::get_field_docs(key),
             _ => return None,
         }
         .ok()

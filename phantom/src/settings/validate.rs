@@ -100,6 +100,7 @@ impl Settings {
         self.validate_tissue()?;
         self.validate_tip_and_friction()?;
         self.validate_motion()?;
+        self.continuum.validate()?;
         self.validate_devices()
     }
 

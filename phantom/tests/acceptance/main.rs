@@ -4,6 +4,7 @@
 mod authority;
 mod axial;
 mod bench;
+mod continuum;
 mod energy;
 mod entry;
 mod events;

@@ -4,7 +4,7 @@ use hal::{Stamp, StereoCamera, Transform};
 use nalgebra::{Isometry3, Vector3};
 use phantom::camera::{CameraSettings, RigError, StereoRig};
 use phantom::experiment::default_setup;
-use phantom::{Bench, Settings, SettingsError};
+use phantom::{Bench, Settings, SettingsError, Setup};
 use toml::{Table, Value};
 
 use crate::support::{Dice, finite};
@@ -12,7 +12,7 @@ use crate::support::{Dice, finite};
 /// Key, lowest, highest.
 type Range = (&'static str, f64, f64);
 
-const RANGES: [Range; 75] = [
+const RANGES: [Range; 80] = [
     ("needle.length_mm", 20.0, 400.0),
     ("needle.outer_diameter_mm", 0.2, 3.0),
     ("needle.inner_diameter_mm", 0.0, 2.99),
@@ -88,6 +88,11 @@ const RANGES: [Range; 75] = [
     ("spread.azimuth_deg", 0.0, 60.0),
     ("spread.tilt_deg", 0.0, 5.0),
     ("spread.pre_insertion_mm", 0.0, 50.0),
+    ("continuum.face_pressure_ratio", 0.0, 300.0),
+    ("continuum.indent_n_m", 50.0, 1e5),
+    ("continuum.puncture_n", 0.0, 5.0),
+    ("continuum.edge_offset_ratio", 0.0, 1.0),
+    ("continuum.slit_memory_mm", 0.1, 30.0),
 ];
 
 const CAMERA_RANGES: [Range; 44] = [
@@ -274,10 +279,35 @@ fn every_number_of_the_cameras_has_its_range() {
     });
 }
 
-/// In, aside and around, on, and out again; everything seen must be finite.
+/// What the plant `continuum` reads; robot and sensors are those of the rod's bench.
+const CONTINUUM: [&str; 8] = [
+    "needle.",
+    "tissue.stiffness",
+    "tissue.tear",
+    "tip.",
+    "friction.",
+    "motion.",
+    "guide.",
+    "continuum.",
+];
+
+/// The same with the plant `continuum`.
+fn ride_continuum(settings: &Settings, seed: u64, name: &str) {
+    let setup = default_setup(settings, seed);
+    match Bench::continuum(settings, &setup) {
+        Ok(bench) => drop(ride_on(bench, &setup, &format!("continuum, {name}"))),
+        // A guide.
+        Err(e) => assert!(matches!(e, SettingsError::Inconsistent { .. }), "{e}"),
+    }
+}
+
 fn ride(settings: &Settings, seed: u64, name: &str) -> Bench {
     let setup = default_setup(settings, seed);
-    let mut bench = Bench::new(settings, &setup).unwrap();
+    ride_on(Bench::new(settings, &setup).unwrap(), &setup, name)
+}
+
+/// In, aside and around, on, and out again; everything seen must be finite.
+fn ride_on(mut bench: Bench, setup: &Setup, name: &str) -> Bench {
     bench.attach_marker(&Vector3::new(0.4, 0.0, 0.2));
     let mut pose = *setup.world_from_base.isometry();
     let mut seconds = 0.0;
@@ -321,7 +351,13 @@ fn the_ends_of_every_range_can_be_simulated() {
             tables.dedup();
             for table in tables {
                 match settings(table) {
-                    Ok(settings) => drop(ride(&settings, 5, &format!("{key} = {x}"))),
+                    Ok(settings) => {
+                        let name = format!("{key} = {x}");
+                        ride(&settings, 5, &name);
+                        if CONTINUUM.iter().any(|read| key.starts_with(read)) {
+                            ride_continuum(&settings, 5, &name);
+                        }
+                    }
                     Err(e) => assert!(matches!(e, SettingsError::Inconsistent { .. }), "{e}"),
                 }
             }
@@ -352,7 +388,11 @@ fn any_mixture_of_allowed_settings_can_be_simulated() {
             }
         }
         let settings = settings(table).unwrap();
-        ride(&settings, seed, &format!("{settings:?}"));
+        let name = format!("{settings:?}");
+        ride(&settings, seed, &name);
+        if seed < 10 {
+            ride_continuum(&settings, seed, &name);
+        }
     }
 }
 

@@ -138,9 +138,9 @@ def run(
         The twist is held to the limits like any law's. ``reset()`` is called, where there is one,
         when a target is set; the attribute ``name``, or the class's, names it in the summary.
     plant : str or object, optional
-        ``"phantom"``, ``"springs"``, or an object with ``advance(world_from_base, time)`` (a pose
-        (4, 4) and seconds) and ``shape()``: the centre line (n, 3) in World [m], from the base to
-        the tip. Robot flaws and sensors stay those of the phantom.
+        ``"phantom"``, ``"springs"``, ``"continuum"``, or an object with
+        ``advance(world_from_base, time)`` (a pose (4, 4) and seconds) and ``shape()``: the centre
+        line (n, 3) in World [m], from the base to the tip. Robot flaws and sensors stay those of the phantom.
     sensor : {"images", "shape"}, optional
         What closes the loop.
     seed : int, optional

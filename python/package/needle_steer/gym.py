@@ -70,7 +70,8 @@ class SteerEnv(gymnasium.Env):
     Parameters
     ----------
     config, set : optional
-        Limits, tissue, needle, goal, phantom and target, as for `needle_steer.run`.
+        Limits, tissue, needle, goal, phantom and target, as for `needle_steer.run`. With
+        ``set={"run.plant": "continuum"}`` the needle is in an elastic half-space.
     phantoms : str or list of str, optional
         Presets that episodes are drawn from, each as likely: ``ideal``, ``paper``, ``paper-compliant``
         (the other family of tip laws), ``harsh``.
