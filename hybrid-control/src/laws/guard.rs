@@ -210,6 +210,7 @@ mod tests {
                 bending_stiffness: 2e-2,
                 cutting_edge: 1e-3,
                 guide_gap: None,
+                tip_sensor: None,
                 entry,
                 world_from_base: start,
             },

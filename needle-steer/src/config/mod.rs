@@ -3,6 +3,7 @@
 //! The commented defaults are in `default.toml`, which a test holds against [`Config::default`].
 
 mod check;
+mod em;
 mod igtl;
 mod live;
 mod load;
@@ -18,6 +19,7 @@ use hal::guarded::Workspace;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
+pub use em::Em;
 pub use igtl::{Igtl, IgtlCoordinates, IgtlVersion, UnknownVersion};
 pub use live::Live;
 pub use load::{Base, ConfigError, Origin, assemble, load, parse, quoted};
@@ -65,6 +67,8 @@ pub struct Config {
     pub igtl: Igtl,
     /// A tracker over OpenIGTLink, for the sensor `em`.
     pub tracker: Tracker,
+    /// The electromagnetic tip, for the sensor `em`.
+    pub em: Em,
     /// The live view: what is shown, and what is asked.
     pub live: Live,
     /// Limits that every law keeps.
