@@ -13,9 +13,11 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use needle_steer::config::{self, Config};
+use needle_steer::identify::distortion::{Lie, map_of};
 use needle_steer::outcome::{Ended, Summary};
 use needle_steer::rig;
 use needle_steer::run::simulate;
+use needle_steer::samples;
 use needle_steer::statistics::median;
 
 const EVEN: [&str; 3] = [
@@ -64,18 +66,43 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("expected DEVICE FIRST LAST [KEY=VALUE ...]".into());
     };
     let (first, last): (u64, u64) = (first.parse()?, last.parse()?);
-    for (field, settings) in [("even", &EVEN[..]), ("distorted", &EVEN[2..])] {
+    let folder = std::env::temp_dir().join(format!("em-loops-{}", std::process::id()));
+    std::fs::create_dir_all(&folder)?;
+    for (field, settings, map) in [
+        ("even", &EVEN[..], None),
+        ("distorted", &EVEN[2..], None),
+        ("distorted and mapped", &EVEN[2..], Some(folder.as_path())),
+    ] {
         let mut sets: Vec<String> = settings.iter().map(ToString::to_string).collect();
         sets.extend(more.iter().cloned());
         let config = device(name, &sets)?;
-        let runs = run(&config, first, last)?;
+        let runs = run(&config, first, last, map)?;
         report(&format!("{name}, {field} field"), &runs)?;
     }
+    std::fs::remove_dir_all(&folder)?;
     Ok(())
 }
 
+/// One insertion; with a folder, in a field that was mapped in air before.
+fn insert(config: &Config, maps: Option<&Path>) -> Result<Summary, Box<dyn Error>> {
+    let mut config = config.clone();
+    if let Some(folder) = maps {
+        let name = |end: &str| folder.join(format!("{}.{end}", config.run.seed));
+        samples::in_air(&config, &name("csv"))?;
+        let map = map_of(&name("csv"), Lie::Exact)?;
+        std::fs::write(name("toml"), toml::to_string(&map)?)?;
+        config.em.map = name("toml").display().to_string();
+    }
+    Ok(simulate(&config)?)
+}
+
 /// Runs of the seeds, in order, on all cores.
-fn run(config: &Config, first: u64, last: u64) -> Result<Vec<Summary>, Box<dyn Error>> {
+fn run(
+    config: &Config,
+    first: u64,
+    last: u64,
+    maps: Option<&Path>,
+) -> Result<Vec<Summary>, Box<dyn Error>> {
     let next = AtomicU64::new(first);
     let runs = Mutex::new(BTreeMap::new());
     let cores = std::thread::available_parallelism()?.get();
@@ -89,7 +116,7 @@ fn run(config: &Config, first: u64, last: u64) -> Result<Vec<Summary>, Box<dyn E
                     }
                     let mut config = config.clone();
                     config.run.seed = seed;
-                    let summary = simulate(&config).map_err(|error| error.to_string());
+                    let summary = insert(&config, maps).map_err(|error| error.to_string());
                     if let Ok(mut runs) = runs.lock() {
                         runs.insert(seed, summary);
                     }
@@ -125,7 +152,9 @@ fn report(title: &str, runs: &[Summary]) -> Result<(), Box<dyn Error>> {
             less_bias.extend(run.true_error_less_bias_mm);
             truly.extend(run.true_error_mm);
         } else {
-            let cause = run.cause.map_or("?".to_owned(), |cause| format!("{cause:?}"));
+            let cause = run
+                .cause
+                .map_or("?".to_owned(), |cause| format!("{cause:?}"));
             *ends.entry(cause).or_default() += 1;
         }
     }

@@ -21,7 +21,7 @@ use vision::track::TrackSettingsError;
 
 pub use crate::bearings::{Bearings, base_pose};
 use crate::bearings::{entry_point, first_telemetry, freedom};
-use crate::config::{Config, SensorKind};
+use crate::config::Config;
 use crate::guide::Guide;
 use crate::monitor::Trace;
 use crate::monitor::plausibility::{Implausible, Plausibility};
@@ -121,7 +121,7 @@ impl Cycle {
             bending_stiffness: needle.bending_stiffness(),
             cutting_edge: springs::bevel_length(config),
             guide_gap: Guide::of(config).map(|guide| guide.gap),
-            tip_sensor: (config.run.sensor == SensorKind::Em).then(|| config.em.tip_sensor()),
+            tip_sensor: bearings.tip_sensor,
             entry,
             world_from_base,
         };

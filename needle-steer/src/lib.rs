@@ -31,6 +31,7 @@ pub mod ros;
 pub mod remote;
 pub mod session;
 pub mod cameras;
+pub mod distortion;
 pub mod twin;
 pub mod clock;
 pub mod monitor;

@@ -29,6 +29,7 @@ pub(crate) enum Purpose {
     MarkerBias,
     Distortion,
     Coil,
+    InAir,
 }
 
 /// The generator of `seed` for one purpose.

@@ -188,7 +188,10 @@ impl Filter {
         let mut h = SMatrix::<f64, 2, N>::zeros();
         h[(0, 0)] = 1.0;
         h[(1, 1)] = 1.0;
-        let field = self.unseen.as_ref().map_or_else(Vector2::zeros, Unseen::place);
+        let field = self
+            .unseen
+            .as_ref()
+            .map_or_else(Vector2::zeros, Unseen::place);
         let innovation = measured - self.position() - field;
         self.update(&h, None, &innovation, sigma)
     }
@@ -198,7 +201,10 @@ impl Filter {
         let mut h = SMatrix::<f64, 2, N>::zeros();
         h[(0, 0)] = by.position;
         h[(1, 1)] = by.position;
-        let field = self.unseen.as_ref().map_or_else(Vector2::zeros, Unseen::axis);
+        let field = self
+            .unseen
+            .as_ref()
+            .map_or_else(Vector2::zeros, Unseen::axis);
         self.update(&h, Some(by), &(difference - field), sigma);
     }
 

@@ -176,10 +176,7 @@ impl Estimator {
             observations: 0,
             way: Vector3::zeros(),
             start: *start,
-            straight: (
-                tip.z.max(0.0) + STRAIGHT.0,
-                base.translation.vector.xy(),
-            ),
+            straight: (tip.z.max(0.0) + STRAIGHT.0, base.translation.vector.xy()),
             stiffer: Rod::default(),
         })
     }
@@ -290,8 +287,8 @@ impl Estimator {
         };
         m.rod.solve(&self.constants, &m.clamp, &m.path);
         self.stiffer.solve(&more, &m.clamp, &m.path);
-        m.slope_by_stiffness = (planar(&self.stiffer.tip_slope()) - planar(&m.rod.tip_slope()))
-            / STIFFER.ln();
+        m.slope_by_stiffness =
+            (planar(&self.stiffer.tip_slope()) - planar(&m.rod.tip_slope())) / STIFFER.ln();
     }
 
     /// Predicts to the present with the base as it is now, and answers the tip.

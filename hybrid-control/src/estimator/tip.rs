@@ -100,12 +100,7 @@ impl TipFilter {
         };
     }
 
-    pub(crate) fn measure_slope(
-        &mut self,
-        difference: &Vector2<f64>,
-        by: &SlopeBy,
-        sigma: f64,
-    ) {
+    pub(crate) fn measure_slope(&mut self, difference: &Vector2<f64>, by: &SlopeBy, sigma: f64) {
         for filter in [&mut self.held, &mut self.free] {
             filter.measure_slope(difference, by, sigma);
         }

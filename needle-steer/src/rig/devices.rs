@@ -1,5 +1,6 @@
 //! What a run moves, sees and waits with: simulated, or over ROS.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
@@ -14,6 +15,7 @@ use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 use super::{Eyes, MarkerEyes, RigBuildError};
 use crate::clock::{LockstepClock, PacedClock, WallClock, WallTime};
 use crate::config::{Backend, Config, PlantKind, SensorKind, ViperDialect};
+use crate::distortion::DistortionMap;
 use crate::host;
 use crate::remote::igtl::Tracker;
 use crate::ros::Link;
@@ -38,6 +40,8 @@ pub(super) struct Place {
     pub(super) stereo: StereoRig,
     /// World in the stereo frame, as registered.
     pub(super) left_from_world: Transform<LeftCamera, World>,
+    /// Map of an electromagnetic field.
+    pub(super) map: Option<Arc<DistortionMap>>,
 }
 
 /// What a run moves, sees and waits with.
@@ -124,6 +128,9 @@ impl Place {
             bench,
             stereo_from_world,
         );
+        if let Some(map) = self.map {
+            world.correct_by(map);
+        }
         let moved = world.clone();
         let advance = move |now| moved.advance_to(now);
         let clock: Box<dyn Clock> = match pace {

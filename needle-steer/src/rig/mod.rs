@@ -28,6 +28,7 @@ use crate::cameras;
 use crate::clock::WallTime;
 use crate::config::{Backend, Config, SensorKind, TrackerSource};
 use crate::cycle::Bearings;
+use crate::distortion::MapError;
 use crate::guide::{Guide, GuideMisfit};
 use crate::host::HostError;
 use crate::remote::igtl::{Tracker, TrackerError};
@@ -41,6 +42,7 @@ pub use devices::{Pace, PlantMaker};
 pub use eyes::{Eyes, Sighting};
 pub use fit::{Course, Demand, Misfit, check_chain, follow};
 pub use marker::MarkerEyes;
+use start::field;
 pub(crate) use start::tool;
 pub use start::{Start, arm_place, assumed_speeds, bearings, chain, check_arm, description, start};
 pub use suggest::{Place as Suggestion, placed, suggest};
@@ -192,6 +194,9 @@ pub enum RigBuildError {
         /// What keeps measurements from coming.
         problem: String,
     },
+    /// The map of an electromagnetic field.
+    #[error("em.map: {0}")]
+    Map(#[from] MapError),
     /// The tracker of the tip.
     #[error("tracker: {0}")]
     Tracker(#[from] TrackerError),
@@ -342,7 +347,9 @@ impl Rig {
                 });
             }
         }
+        let (tip_sensor, map) = field(config)?;
         let devices = devices(Place {
+            map: map.clone(),
             chain: chain.clone(),
             world_from_arm_base,
             start,
@@ -357,12 +364,15 @@ impl Rig {
         let mut rig = Self {
             clock: devices.clock,
             arm: Recorded::new(Guarded::new(devices.arm, guard)?, EVENTS),
-            eyes: devices.eyes,
+            eyes: devices
+                .eyes
+                .corrected(map, &world_from_left_camera.inverse()),
             bearings: Bearings {
                 chain,
                 world_from_arm_base,
                 world_from_left_camera,
                 cameras: images.then_some(calibrated),
+                tip_sensor,
             },
             marker: devices.marker,
             tracker: devices.tracker,
