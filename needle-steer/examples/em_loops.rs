@@ -1,8 +1,8 @@
 //! Loops closed on an electromagnetic tip in the phantom.
 //!
 //! `cargo run --release -p needle-steer --example em_loops -- DEVICE FIRST LAST [KEY=VALUE ...]`
-//! inserts with `guide` (through a guide, preset `gel-guide`) or `stage` (a stage
-//! with a rotary axis, preset `paper`), seeds FIRST to LAST, in an even field and in one that is distorted as
+//! inserts with `guide` (through a guide, preset `gel-guide`), `hand` (the same, pushed by hand in steps of
+//! 5 mm) or `stage` (a stage with a rotary axis, preset `paper`), seeds FIRST to LAST, in an even field and in one that is distorted as
 //! measured, and says how it ended: all passes count, stops are named by their cause.
 
 use std::collections::BTreeMap;
@@ -45,8 +45,9 @@ const THROUGH_A_GUIDE: [&str; 12] = [
 fn device(name: &str, more: &[String]) -> Result<Config, Box<dyn Error>> {
     let (urdf, settings): (_, &[&str]) = match name {
         "guide" => ("guide", &THROUGH_A_GUIDE),
+        "hand" => ("guide", &THROUGH_A_GUIDE),
         "stage" => ("stage", &[]),
-        other => return Err(format!("{other}: expected guide or stage").into()),
+        other => return Err(format!("{other}: expected guide, hand or stage").into()),
     };
     let urdf = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../robots/urdf/{urdf}.urdf"));
     let mut sets = vec![
@@ -56,6 +57,9 @@ fn device(name: &str, more: &[String]) -> Result<Config, Box<dyn Error>> {
         "run.sensor=em".to_owned(),
     ];
     sets.extend(settings.iter().map(ToString::to_string));
+    if name == "hand" {
+        sets.push("insertion.by=hand".to_owned());
+    }
     sets.extend(more.iter().cloned());
     Ok(rig::placed(&config::load(None, &sets)?)?)
 }

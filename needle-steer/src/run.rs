@@ -13,6 +13,7 @@ use crate::aim::{TargetRefused, given_target};
 use crate::config::Config;
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
+use crate::hand::Prompter;
 use crate::holds::Holds;
 use crate::monitor::{Freshness, Monitor};
 pub use crate::observer::{Both, Observer, Unobserved};
@@ -105,6 +106,8 @@ pub struct Insertion<'a> {
     progress: Progress,
     holds: Holds,
     events: Events,
+    /// Asks the hand, where one pushes the needle.
+    prompter: Option<Prompter>,
     phase: Phase,
     before_pause: Phase,
     straight: f64,
@@ -213,6 +216,10 @@ impl<'a> Insertion<'a> {
             progress: Progress::new(config.run.insertion_speed_mm_s * 1e-3),
             holds: Holds::default(),
             events: Events::default(),
+            prompter: rig
+                .slide
+                .clone()
+                .map(|slide| Prompter::new(slide, config.insertion.step_mm * 1e-3)),
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
@@ -284,7 +291,9 @@ impl<'a> Insertion<'a> {
             let evidence = self.evidence(now);
             let telemetry = self.cycle.telemetry();
             let mut rates = self.rates;
-            match self.supervisor.judge(now, &state, telemetry, &evidence) {
+            let verdict = self.supervisor.judge(now, &state, telemetry, &evidence);
+            self.ask_hand(now, &base, verdict == Verdict::Go, observer);
+            match verdict {
                 Verdict::Go if self.passing.is_waiting() => rates = rates.zeroed(),
                 Verdict::Go => rates = self.slowed(),
                 Verdict::Hold(cause) => {
@@ -312,6 +321,31 @@ impl<'a> Insertion<'a> {
             observer.command(&command);
             deadline = deadline + period;
             self.rig.clock.wait_until(deadline);
+        }
+    }
+
+    /// Asks the hand that pushes the needle, where one does: for a step, or to hold.
+    fn ask_hand(
+        &mut self,
+        now: Stamp,
+        base: &nalgebra::Isometry3<f64>,
+        goes: bool,
+        observer: &mut dyn Observer,
+    ) {
+        let Some(prompter) = &mut self.prompter else {
+            return;
+        };
+        let telemetry = self.cycle.telemetry();
+        let along = base.rotation * nalgebra::Vector3::z();
+        let twist = telemetry.base_twist.linear;
+        let across = (twist - along * along.dot(&twist)).norm();
+        let (ahead, goes) = match self.phase {
+            Phase::PreInsertion => (self.straight - travelled(&self.start, base), goes),
+            Phase::Steering => (telemetry.axial_distance, goes && !self.passing.is_waiting()),
+            _ => (0.0, false),
+        };
+        if let Some(prompt) = prompter.update(now, across, ahead, goes) {
+            observer.prompt(prompt);
         }
     }
 
@@ -443,8 +477,7 @@ impl<'a> Insertion<'a> {
             return;
         }
         let base = base_pose(&self.rig.bearings, state);
-        let travelled = (base.translation.vector - self.start.translation.vector)
-            .dot(&(self.start.rotation * nalgebra::Vector3::z()));
+        let travelled = travelled(&self.start, &base);
         if travelled < self.straight {
             return;
         }
@@ -461,4 +494,10 @@ impl<'a> Insertion<'a> {
         self.phase = Phase::Steering;
         self.steering_since = Some(now);
     }
+}
+
+/// Way of the base along the needle at its start \[m\].
+fn travelled(start: &nalgebra::Isometry3<f64>, base: &nalgebra::Isometry3<f64>) -> f64 {
+    (base.translation.vector - start.translation.vector)
+        .dot(&(start.rotation * nalgebra::Vector3::z()))
 }

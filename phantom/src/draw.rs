@@ -30,6 +30,7 @@ pub(crate) enum Purpose {
     Distortion,
     Coil,
     InAir,
+    Hand,
 }
 
 /// The generator of `seed` for one purpose.

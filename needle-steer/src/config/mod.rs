@@ -5,6 +5,7 @@
 mod check;
 mod em;
 mod igtl;
+mod insertion;
 mod live;
 mod load;
 mod needle;
@@ -21,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 pub use em::Em;
 pub use igtl::{Igtl, IgtlCoordinates, IgtlVersion, UnknownVersion};
+pub use insertion::{Insertion, InsertionBy};
 pub use live::Live;
 pub use load::{Base, ConfigError, Origin, assemble, load, parse, quoted};
 pub use needle::{Needle, NeedleSupport};
@@ -53,6 +55,8 @@ pub struct Config {
     pub target: Target,
     /// The needle as the controller knows it.
     pub needle: Needle,
+    /// Who pushes the needle.
+    pub insertion: Insertion,
     /// The tissue as the controller assumes it at the start.
     pub tissue: Tissue,
     /// Bounds beyond which the supervisor stops the arm.

@@ -127,7 +127,7 @@ pub fn map_of(file: &Path, lie: Lie) -> Result<DistortionMap, DistortionError> {
     if lie == Lie::Fitted {
         take_off_lie(&mut places, &inward);
     }
-    Ok(fitted(&places, along, &noise))
+    Ok(fitted(&places, along, depths.len(), &noise))
 }
 
 /// The measured axis of a row, of length one.
@@ -161,7 +161,7 @@ fn take_off_lie(places: &mut [Place], inward: &Vector3<f64>) {
     }
 }
 
-fn fitted(places: &[Place], along: usize, noise: &[f64]) -> DistortionMap {
+fn fitted(places: &[Place], along: usize, depths: usize, noise: &[f64]) -> DistortionMap {
     let corner = |pick: fn(f64, f64) -> f64| -> [f64; 3] {
         let all = places.iter().map(|place| place.measured_mm);
         let found = all.reduce(|a, b| a.zip_map(&b, pick)).unwrap_or_default();
@@ -176,7 +176,8 @@ fn fitted(places: &[Place], along: usize, noise: &[f64]) -> DistortionMap {
         })
         .collect();
     let smooth = |error: fn(&Place) -> Vector3<f64>, components: f64| {
-        Fit::new(places, &values, error).best(components)
+        // Between depths nothing was measured: a polynomial through all of them could do anything there.
+        Fit::new(places, &values, error).best(components, depths.saturating_sub(2))
     };
     DistortionMap {
         along,
@@ -272,10 +273,10 @@ impl Fit {
     }
 
     /// The polynomial that foretells best, or one of fewer terms that is as good.
-    fn best(&self, components: f64) -> Smooth {
+    fn best(&self, components: f64, most_along: usize) -> Smooth {
         let mut tried = Vec::new();
         for across in 0..=HIGHEST.0 {
-            for along in 0..=HIGHEST.1 {
+            for along in 0..=HIGHEST.1.min(most_along) {
                 let used: Vec<usize> = terms(across, along)
                     .filter_map(|term| self.terms.iter().position(|other| *other == term))
                     .collect();

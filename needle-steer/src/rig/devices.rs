@@ -7,7 +7,7 @@ use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::{Arm, Clock, Transform};
 use nalgebra::Isometry3;
 use phantom::camera::StereoRig;
-use phantom::{Bench, Draw, Plant, bench::Setup};
+use phantom::{Bench, Draw, Hand, Plant, bench::Setup};
 use robots::kinematics::Chain;
 use robots::sim::{SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
@@ -16,6 +16,7 @@ use super::{Eyes, MarkerEyes, RigBuildError};
 use crate::clock::{LockstepClock, PacedClock, WallClock, WallTime};
 use crate::config::{Backend, Config, PlantKind, SensorKind, ViperDialect};
 use crate::distortion::DistortionMap;
+use crate::hand::{ByHand, HandBody};
 use crate::host;
 use crate::remote::igtl::Tracker;
 use crate::ros::Link;
@@ -42,6 +43,8 @@ pub(super) struct Place {
     pub(super) left_from_world: Transform<LeftCamera, World>,
     /// Map of an electromagnetic field.
     pub(super) map: Option<Arc<DistortionMap>>,
+    /// The needle in its guide, where a hand pushes it.
+    pub(super) by_hand: Option<ByHand>,
 }
 
 /// What a run moves, sees and waits with.
@@ -121,6 +124,13 @@ impl Place {
         };
         let tracked = tracked(config, pace.time(), &self.left_from_world)?;
         let tracker = tracked.as_ref().map(|(tracker, _)| tracker.clone());
+        let body = match self.by_hand {
+            Some(by) => {
+                let hand = Hand::new(&settings.hand, config.run.seed);
+                Box::new(HandBody::new(body, by, hand))
+            }
+            None => body,
+        };
         let world = SimulatedWorld::new(
             body,
             self.chain,

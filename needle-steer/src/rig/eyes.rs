@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use hal::frame::{LeftCamera, World};
 use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform};
+use nalgebra::{Point3, Unit, Vector3};
 
 use super::{Rig, RigBuildError, TICK};
 use crate::controls::Controls;
 use crate::distortion::{Corrected, DistortionMap};
+use crate::hand::{AdvanceByTip, Slide};
 
 /// Longest wait for the first pair of images.
 const FIRST_PAIR: Duration = Duration::from_secs(2);
@@ -93,6 +95,24 @@ impl Eyes {
                 Self::Shape(Box::new(Corrected::new(sensor, map, *left_from_world)))
             }
             (eyes, _) => eyes,
+        }
+    }
+
+    /// The same, telling how far the needle was pushed by hand.
+    pub(super) fn telling_advance(
+        self,
+        slide: Slide,
+        from: (Point3<f64>, Unit<Vector3<f64>>),
+        left_from_world: &Transform<LeftCamera, World>,
+    ) -> Self {
+        match self {
+            Self::Shape(sensor) => Self::Shape(Box::new(AdvanceByTip::new(
+                sensor,
+                slide,
+                from,
+                *left_from_world,
+            ))),
+            eyes @ Self::Cameras(_) => eyes,
         }
     }
 

@@ -26,10 +26,11 @@ use robots::viper;
 
 use crate::cameras;
 use crate::clock::WallTime;
-use crate::config::{Backend, Config, SensorKind, TrackerSource};
+use crate::config::{Backend, Config, InsertionBy, SensorKind, TrackerSource};
 use crate::cycle::Bearings;
 use crate::distortion::MapError;
 use crate::guide::{Guide, GuideMisfit};
+use crate::hand::{ByHand, HandFed, Slide};
 use crate::host::HostError;
 use crate::remote::igtl::{Tracker, TrackerError};
 use crate::ros::Link;
@@ -194,6 +195,12 @@ pub enum RigBuildError {
         /// What keeps measurements from coming.
         problem: String,
     },
+    /// A hand has nothing to push.
+    #[error(
+        "insertion.by = \"hand\": no joint of the URDF slides along the needle; give it a prismatic one, which \
+         stands for the needle in its guide and is not driven"
+    )]
+    NoSlide,
     /// The map of an electromagnetic field.
     #[error("em.map: {0}")]
     Map(#[from] MapError),
@@ -240,6 +247,8 @@ pub struct Rig {
     pub home: hal::Joints,
     /// What the straight insertion from there leaves the arm.
     pub course: Course,
+    /// The needle in its guide, where a hand pushes it.
+    pub slide: Option<Slide>,
     /// Number of the last command.
     sequence: u64,
 }
@@ -348,8 +357,10 @@ impl Rig {
             }
         }
         let (tip_sensor, map) = field(config)?;
+        let by_hand = by_hand(config, &chain, &joints)?;
         let devices = devices(Place {
             map: map.clone(),
+            by_hand: by_hand.clone(),
             chain: chain.clone(),
             world_from_arm_base,
             start,
@@ -361,12 +372,20 @@ impl Rig {
         let limiter = Limiter::new(&kept(&chain), 0.0, period * 3)?;
         let tool = PlacedTool::new(&chain, world_from_arm_base.isometry());
         let guard = Guard::new(limiter).with_tool(tool, config.workspace(), SpeedCaps::INSERTING);
+        let left_from_world = world_from_left_camera.inverse();
+        let mut eyes = devices.eyes.corrected(map, &left_from_world);
+        let mut arm = devices.arm;
+        if let Some(by) = &by_hand {
+            let tip = start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3);
+            let from = (tip, config.inward());
+            eyes = eyes.telling_advance(by.slide.clone(), from, &left_from_world);
+            arm = Box::new(HandFed::new(arm, by.clone()));
+        }
         let mut rig = Self {
             clock: devices.clock,
-            arm: Recorded::new(Guarded::new(devices.arm, guard)?, EVENTS),
-            eyes: devices
-                .eyes
-                .corrected(map, &world_from_left_camera.inverse()),
+            arm: Recorded::new(Guarded::new(arm, guard)?, EVENTS),
+            eyes,
+            slide: by_hand.map(|by| by.slide),
             bearings: Bearings {
                 chain,
                 world_from_arm_base,
@@ -461,6 +480,21 @@ impl Rig {
     /// The stereo frame as registered.
     pub fn left_from_world(&self) -> Transform<LeftCamera, World> {
         self.bearings.world_from_left_camera.inverse()
+    }
+}
+
+/// The needle in its guide, where the configuration has a hand push it.
+fn by_hand(
+    config: &Config,
+    chain: &Chain,
+    joints: &hal::Joints,
+) -> Result<Option<ByHand>, RigBuildError> {
+    if config.insertion.by == InsertionBy::Axis || config.is_dry() {
+        return Ok(None);
+    }
+    match ByHand::new(chain, joints) {
+        Some(by) => Ok(Some(by)),
+        None => Err(RigBuildError::NoSlide),
     }
 }
 
