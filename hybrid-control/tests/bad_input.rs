@@ -22,6 +22,7 @@ fn start() -> (Start, Entry) {
         cutting_edge: 1.57e-3,
         guide_gap: None,
         tip_sensor: None,
+        advance_by_tip: false,
         entry,
         world_from_base,
     };

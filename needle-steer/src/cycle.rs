@@ -21,7 +21,7 @@ use vision::track::TrackSettingsError;
 
 pub use crate::bearings::{Bearings, base_pose};
 use crate::bearings::{entry_point, first_telemetry, freedom};
-use crate::config::Config;
+use crate::config::{Config, InsertionBy};
 use crate::guide::Guide;
 use crate::monitor::Trace;
 use crate::monitor::plausibility::{Implausible, Plausibility};
@@ -122,6 +122,7 @@ impl Cycle {
             cutting_edge: springs::bevel_length(config),
             guide_gap: Guide::of(config).map(|guide| guide.gap),
             tip_sensor: bearings.tip_sensor,
+            advance_by_tip: config.insertion.by == InsertionBy::Hand,
             entry,
             world_from_base,
         };

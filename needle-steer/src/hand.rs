@@ -18,8 +18,8 @@ use robots::kinematics::{Chain, JointKind};
 use crate::world::Body;
 
 /// Share by which the measured advance follows a measurement at rest, and where the needle moves: 0.1 mm
-/// of noise at 40 Hz leave 0.01 mm.
-const FOLLOWS: (f64, f64) = (0.02, 0.3);
+/// of noise leave 0.02 mm.
+const FOLLOWS: (f64, f64) = (0.05, 0.3);
 /// Difference of a measurement from which the needle moves \[m\]: four deviations of a coil's noise.
 const MOVES: f64 = 0.4e-3;
 /// Motion of the guide across below which it counts as done \[m/s\].
@@ -34,6 +34,9 @@ const STANDS: f64 = 0.7;
 const BEGUN: f64 = 0.2;
 /// Least step that is asked for \[m\].
 const LEAST: f64 = 0.3e-3;
+/// Before a stop the hand is asked for this share of the way, so that its error does not lead beyond;
+/// what is shorter than the second it is asked for at once \[m\].
+const APPROACH: (f64, f64) = (0.6, 1.0e-3);
 
 /// What the operator is to do.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -153,7 +156,7 @@ impl Prompter {
             Prompt::Hold => {
                 let done = across < DONE || waited > PATIENCE;
                 let rests = waited > RESTS && now.secs_since(moved) > RESTS;
-                (goes && done && rests).then(|| Prompt::Advance(self.step.min(ahead).max(LEAST)))
+                (goes && done && rests).then(|| Prompt::Advance(self.step_to(ahead)))
             }
             Prompt::Advance(by) => {
                 let way = advance - from;
@@ -164,6 +167,14 @@ impl Prompter {
         self.slide.ask(next);
         self.since = Some((now, advance));
         Some(next)
+    }
+}
+
+impl Prompter {
+    /// The next step towards a stop that is so far ahead \[m\].
+    fn step_to(&self, ahead: f64) -> f64 {
+        let share = if ahead > APPROACH.1 { APPROACH.0 } else { 1.0 };
+        self.step.min(share * ahead).max(LEAST)
     }
 }
 

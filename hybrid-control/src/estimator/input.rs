@@ -21,6 +21,9 @@ pub struct Start {
     /// Where a sensor of the tip alone measures: its lasting errors. Support, stiffness and they are
     /// then estimated from the tip; else points of the shaft tell.
     pub tip_sensor: Option<TipSensor>,
+    /// Whether the base's place along the needle is told by the tip, as where a hand pushes it: then the
+    /// tip is a needle's length ahead of it, however the needle is bent.
+    pub advance_by_tip: bool,
     /// The entry.
     pub entry: Entry,
     /// Pose of the base with the tip at the surface, or at the present depth.

@@ -231,7 +231,9 @@ impl Estimator {
         let slope_by = m.slope_by();
         let ahead = position.z - m.path.tip_depth();
         let gain = (1.0 / self.observations as f64).max(0.05);
-        self.depth_offset += gain * (ahead + m.retracted);
+        if !self.start.advance_by_tip {
+            self.depth_offset += gain * (ahead + m.retracted);
+        }
         if m.retracted > LOOSE {
             let beside = position.coords.xy() - m.filter.place_bias() - in_hole(m);
             self.beside_hole += (beside - self.beside_hole) * FOLLOW;
@@ -312,7 +314,7 @@ impl Estimator {
                 advance(
                     present,
                     &base,
-                    (self.length, self.start.guide_gap),
+                    (self.length, &self.start),
                     self.depth_offset,
                     &self.constants,
                     &self.stiffness,
@@ -478,7 +480,7 @@ impl Estimator {
         advance(
             &mut self.measured,
             base,
-            (self.length, self.start.guide_gap),
+            (self.length, &self.start),
             self.depth_offset,
             &self.constants,
             &self.stiffness,

@@ -132,7 +132,7 @@ fn tip_state(m: &Moment, old: &Clamp, new: &Clamp, constants: &RodConstants) -> 
 pub(super) fn advance(
     m: &mut Moment,
     base: &Isometry3<f64>,
-    (length, gap): (f64, Option<f64>),
+    (length, start): (f64, &Start),
     depth_offset: f64,
     constants: &RodConstants,
     fit: &StiffnessFit,
@@ -140,14 +140,18 @@ pub(super) fn advance(
 ) {
     let before = m.rod.tip_slope();
     // What the fit changes of the base is no motion.
-    let old = clamp_of(&m.base, gap, fit);
+    let old = clamp_of(&m.base, start.guide_gap, fit);
     m.base = *base;
-    m.clamp = clamp_of(base, gap, fit);
+    m.clamp = clamp_of(base, start.guide_gap, fit);
     let azimuth = azimuth_of(base);
     let middle = m.azimuth + 0.5 * crate::tasks::wrap(azimuth - m.azimuth);
     m.azimuth = azimuth;
-    let depth =
-        (base.translation.vector.z + length - m.rod.shortening(X, Y) + depth_offset).max(1e-6);
+    let shortening = if start.advance_by_tip {
+        0.0
+    } else {
+        m.rod.shortening(X, Y)
+    };
+    let depth = (base.translation.vector.z + length - shortening + depth_offset).max(1e-6);
     let step = (depth - m.path.tip_depth()).max(0.0);
     m.retracted = (m.path.tip_depth() - depth).max(0.0);
     let tip = tip_state(m, &old, &m.clamp, constants);

@@ -211,6 +211,7 @@ mod tests {
                 cutting_edge: 1e-3,
                 guide_gap: None,
                 tip_sensor: None,
+                advance_by_tip: false,
                 entry,
                 world_from_base: start,
             },

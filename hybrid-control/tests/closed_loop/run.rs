@@ -133,6 +133,7 @@ pub(crate) fn insert(case: &Case<'_>) -> Outcome {
         cutting_edge: 0.0,
         guide_gap: None,
         tip_sensor: None,
+        advance_by_tip: false,
         entry,
         world_from_base: base,
     };

@@ -314,3 +314,100 @@ impl Fit {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+
+    use super::*;
+
+    const HEADER: &str =
+        "depth_mm,guide_x_mm,guide_z_mm,tip_x_mm,tip_y_mm,tip_z_mm,axis_x,axis_y,axis_z\n";
+
+    /// A guide along -y at 6 x 6 places and 5 depths, whose tip lies (1, 2, 3) mm aside and errs by
+    /// `error` \[mm\] of place.
+    fn table(error: impl Fn(f64, f64, f64) -> [f64; 3]) -> String {
+        let mut text = HEADER.to_owned();
+        for depth in [0.0, 20.0, 40.0, 60.0, 80.0] {
+            for x in 0..6 {
+                for z in 0..6 {
+                    let (x, z) = (f64::from(x) * 5.0, f64::from(z) * 5.0);
+                    let e = error(x, depth, z);
+                    let tip = [1.0 + x + e[0], 2.0 - depth + e[1], 3.0 + z + e[2]];
+                    writeln!(
+                        text,
+                        "{depth},{x},{z},{},{},{},0.02,-0.9996,0.02",
+                        tip[0], tip[1], tip[2]
+                    )
+                    .unwrap();
+                }
+            }
+        }
+        text
+    }
+
+    fn read(text: &str, name: &str, lie: Lie) -> Result<DistortionMap, DistortionError> {
+        let file = std::env::temp_dir().join(format!("{name}-{}.csv", std::process::id()));
+        std::fs::write(&file, text).unwrap();
+        let map = map_of(&file, lie);
+        std::fs::remove_file(&file).unwrap();
+        map
+    }
+
+    #[test]
+    fn a_smooth_field_is_found_and_how_the_needle_lies_is_not_taken_for_one() {
+        // Bent by 20 mrad per axis along the needle as the axis says, and by a parabola of 2 mm.
+        let bent = |x: f64, depth: f64, _: f64| {
+            let aside = 0.02 * depth;
+            [aside + 2.0 * (x / 25.0 - 0.5).powi(2), 0.0, aside]
+        };
+        let map = read(&table(bent), "smooth", Lie::Fitted).unwrap();
+        assert_eq!(map.along, 1);
+        assert!(map.place_mm.left < 0.02, "{:?}", map.place_mm.left);
+        assert!(map.place_mm.before > 0.05, "{:?}", map.place_mm.before);
+        let at = |x: f64| map.of_place(&nalgebra::Point3::new(x, -0.03, 0.012)).x;
+        // The parabola's end over its middle, 0.5 mm.
+        let rise = at(26.3e-3) - at(13.8e-3);
+        assert!((rise - 0.5e-3).abs() < 0.05e-3, "{rise}");
+        // Exact: the lie is the field's.
+        let exact = read(&table(bent), "exact", Lie::Exact).unwrap();
+        assert!(exact.place_mm.before > 2.0);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_file_row_and_column() {
+        let none = |_: f64, _: f64, _: f64| [0.0; 3];
+        let good = table(none);
+        let problem = |text: &str| {
+            let refused = read(text, "wrong", Lie::Fitted).unwrap_err();
+            refused.to_string()
+        };
+        let broken = good.replacen("20,0,0,", "20,0,x,", 1);
+        let told = problem(&broken);
+        assert!(
+            told.contains(".csv:38: guide_z_mm: expected a finite number"),
+            "{told}"
+        );
+        let told = problem(&good.replacen("guide_x_mm", "guide_x", 1));
+        assert!(
+            told.contains(".csv:1: column `guide_x` has no unit"),
+            "{told}"
+        );
+        let told = problem(&good.replacen("axis_x", "axes_x", 1));
+        assert!(told.contains("did you mean `axis_x`?"), "{told}");
+        let told = problem(&good.replacen("guide_x_mm", "_guide_x_mm", 1));
+        assert!(told.contains("the columns guide_x_m are missing"), "{told}");
+        let told = problem(&good.replacen("0.02,-0.9996,0.02", "0.0,-0.1,0.0", 1));
+        assert!(
+            told.contains(":2: axis_x: expected a direction of length 1"),
+            "{told}"
+        );
+        let few: String = good
+            .lines()
+            .take(30)
+            .flat_map(|line| [line, "\n"])
+            .collect();
+        let told = problem(&few);
+        assert!(told.contains("29 rows"), "{told}");
+    }
+}
