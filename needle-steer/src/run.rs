@@ -1,5 +1,6 @@
 //! The run loop: the only code that moves an arm. Every way out of it stops the arm.
 
+mod by_hand;
 mod target;
 mod verdict;
 
@@ -24,6 +25,7 @@ use crate::rig::{Rig, RigBuildError, Sighting};
 use crate::sight::Sight;
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
 use crate::withdrawal::{self, BasePath};
+use by_hand::travelled;
 use hybrid_control::ReachMonitor;
 use hybrid_control::view::Law;
 pub use target::check_target;
@@ -324,31 +326,6 @@ impl<'a> Insertion<'a> {
         }
     }
 
-    /// Asks the hand that pushes the needle, where one does: for a step, or to hold.
-    fn ask_hand(
-        &mut self,
-        now: Stamp,
-        base: &nalgebra::Isometry3<f64>,
-        goes: bool,
-        observer: &mut dyn Observer,
-    ) {
-        let Some(prompter) = &mut self.prompter else {
-            return;
-        };
-        let telemetry = self.cycle.telemetry();
-        let along = base.rotation * nalgebra::Vector3::z();
-        let twist = telemetry.base_twist.linear;
-        let across = (twist - along * along.dot(&twist)).norm();
-        let (ahead, goes) = match self.phase {
-            Phase::PreInsertion => (self.straight - travelled(&self.start, base), goes),
-            Phase::Steering => (telemetry.axial_distance, goes && !self.passing.is_waiting()),
-            _ => (0.0, false),
-        };
-        if let Some(prompt) = prompter.update(now, across, ahead, goes) {
-            observer.prompt(prompt);
-        }
-    }
-
     /// A command was refused: by an arm that faulted meanwhile, or for another reason.
     fn refused(&mut self, error: hal::Error) -> Result<Ended, RunError> {
         match self.rig.arm.state().map(|state| state.mode) {
@@ -494,10 +471,4 @@ impl<'a> Insertion<'a> {
         self.phase = Phase::Steering;
         self.steering_since = Some(now);
     }
-}
-
-/// Way of the base along the needle at its start \[m\].
-fn travelled(start: &nalgebra::Isometry3<f64>, base: &nalgebra::Isometry3<f64>) -> f64 {
-    (base.translation.vector - start.translation.vector)
-        .dot(&(start.rotation * nalgebra::Vector3::z()))
 }

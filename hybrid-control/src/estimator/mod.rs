@@ -11,12 +11,13 @@ mod moment;
 mod path;
 mod rod;
 mod rollout;
+mod shown;
 mod stiffness;
 mod tip;
 mod unseen;
 
 use hal::Stamp;
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 use crate::settings::EstimatorSettings;
 use crate::view::Tip;
@@ -36,12 +37,10 @@ const LOOSE: f64 = 0.15e-3;
 /// Share by which a tip that is drawn back follows a measurement.
 const FOLLOW: f64 = 0.2;
 
-/// Way from the start over which a needle whose base goes straight on counts as straight, and how far
-/// the base may go aside meanwhile \[m\].
-const STRAIGHT: (f64, f64) = (6e-3, 0.1e-3);
-
-/// Change of the stiffness for a derivative \[1\].
-const STIFFER: f64 = 1.05;
+/// Way from the start over which a needle whose base goes straight on counts as straight \[m\].
+const STRAIGHT: f64 = 6e-3;
+/// How far its base may go aside meanwhile \[m\].
+const ASIDE: f64 = 0.1e-3;
 
 /// No measurement is taken for better than this \[m\].
 const LEAST_SIGMA: f64 = 1e-6;
@@ -176,7 +175,7 @@ impl Estimator {
             observations: 0,
             way: Vector3::zeros(),
             start: *start,
-            straight: (tip.z.max(0.0) + STRAIGHT.0, base.translation.vector.xy()),
+            straight: (tip.z.max(0.0) + STRAIGHT, base.translation.vector.xy()),
             stiffer: Rod::default(),
         })
     }
@@ -266,31 +265,6 @@ impl Estimator {
         m.rod.solve(&self.constants, &m.clamp, &m.path);
         self.fit_stiffness(o);
         Health::Used
-    }
-
-    /// Takes over what the tip has told of support and tissue, where it alone is measured.
-    fn adopt_unseen(&mut self, base: &Isometry3<f64>) {
-        let m = &mut self.measured;
-        let Some(unseen) = m.filter.ruling().unseen() else {
-            return;
-        };
-        self.stiffness.adopt(&mut self.constants, unseen);
-        m.clamp = clamp_of(base, self.start.guide_gap, &self.stiffness);
-        let (deepest, aside) = self.straight;
-        m.straight &= m.path.tip_depth() < deepest
-            && (base.translation.vector.xy() - aside).norm() < STRAIGHT.1;
-        if m.straight {
-            m.lay_straight();
-            return;
-        }
-        let more = RodConstants {
-            bed: self.constants.bed * STIFFER,
-            ..self.constants
-        };
-        m.rod.solve(&self.constants, &m.clamp, &m.path);
-        self.stiffer.solve(&more, &m.clamp, &m.path);
-        m.slope_by_stiffness =
-            (planar(&self.stiffer.tip_slope()) - planar(&m.rod.tip_slope())) / STIFFER.ln();
     }
 
     /// Predicts to the present with the base as it is now, and answers the tip.
@@ -487,53 +461,6 @@ impl Estimator {
             &self.settings,
         );
         self.way += self.lateral(&(self.measured.filter.position() - before));
-    }
-
-    fn tip(&self, age: f64) -> Tip {
-        let m = &self.present;
-        let p = &m.filter.ruling().p;
-        let slope = self.slope();
-        let position = self.tip_beside(&m.filter.place_bias());
-        let axis = self.world_from_insertion.rotation * Vector3::new(slope.x, slope.y, 1.0);
-        let from = self.present_base.rotation * Vector3::z();
-        // Without torsion the tip frame is the base frame turned the shortest way.
-        let bend = UnitQuaternion::rotation_between(&from, &axis).unwrap_or_default();
-        Tip {
-            world_from_tip: Isometry3::from_parts(
-                Translation3::from(position.coords),
-                bend * self.present_base.rotation,
-            ),
-            position_sigma: (0.5 * (p[(0, 0)] + p[(1, 1)])).sqrt(),
-            direction_sigma: 0.2_f64.to_radians(),
-            age,
-        }
-    }
-
-    /// Slope of the tip as it is measured.
-    fn slope(&self) -> Vector2<f64> {
-        planar(&self.present.rod.tip_slope()) + self.slope_offset
-    }
-
-    /// O in World, with a lasting error of the sensor \[m\].
-    fn tip_beside(&self, bias: &Vector2<f64>) -> Point3<f64> {
-        let m = &self.present;
-        let c = if m.retracted > LOOSE {
-            in_hole(m) + self.beside_hole
-        } else {
-            m.filter.position()
-        };
-        let c = c + bias;
-        let slope = self.slope();
-        let back = Vector3::new(slope.x, slope.y, 1.0);
-        let back = back * (self.reach / back.norm());
-        let edge = Point3::new(c.x, c.y, m.path.tip_depth() - m.retracted);
-        self.world_from_insertion * (edge - back)
-    }
-
-    /// The tip as it lies beside the base, in World \[m\]: less the lasting error of a sensor of the
-    /// tip alone, where [`Estimator::predict`] answers it as that sensor shows it.
-    pub fn tip_beside_base(&self) -> Point3<f64> {
-        self.tip_beside(&Vector2::zeros())
     }
 
     fn fit_stiffness(&mut self, o: &Observation<'_>) {

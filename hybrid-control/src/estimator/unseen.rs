@@ -2,9 +2,12 @@
 //! and by how much the sensor errs. Points of the shaft would tell; without them the tip's own
 //! answers have to.
 
-use nalgebra::{SMatrix, SVector, Vector2};
+use nalgebra::{Isometry3, SMatrix, SVector, Vector2};
 
 use super::filter::{N, correct};
+use super::moment::clamp_of;
+use super::rod::RodConstants;
+use super::{ASIDE, Estimator, planar};
 use crate::settings::EstimatorSettings;
 
 /// Numbers that are left open: shift of the support (2) \[m\], its pivot about the entry (2) \[rad\],
@@ -21,6 +24,9 @@ const ALL: usize = N + M;
 /// Standard deviation of the tip beside the support's axis at the surface: a needle's own
 /// straightness \[m\].
 const STRAIGHT: f64 = 0.1e-3;
+/// Change of the stiffness for a derivative \[1\].
+const STIFFER: f64 = 1.05;
+
 /// Farthest that log K goes from its prior, in standard deviations of that.
 const FARTHEST: f64 = 3.0;
 
@@ -222,5 +228,32 @@ impl Unseen {
         self.x[STIFFNESS] = self.x[STIFFNESS].clamp(-most, most);
         *p = self.split(&joint);
         Some(likelihood)
+    }
+}
+
+impl Estimator {
+    /// Takes over what the tip has told of support and tissue, where it alone is measured.
+    pub(super) fn adopt_unseen(&mut self, base: &Isometry3<f64>) {
+        let m = &mut self.measured;
+        let Some(unseen) = m.filter.ruling().unseen() else {
+            return;
+        };
+        self.stiffness.adopt(&mut self.constants, unseen);
+        m.clamp = clamp_of(base, self.start.guide_gap, &self.stiffness);
+        let (deepest, aside) = self.straight;
+        m.straight &=
+            m.path.tip_depth() < deepest && (base.translation.vector.xy() - aside).norm() < ASIDE;
+        if m.straight {
+            m.lay_straight();
+            return;
+        }
+        let more = RodConstants {
+            bed: self.constants.bed * STIFFER,
+            ..self.constants
+        };
+        m.rod.solve(&self.constants, &m.clamp, &m.path);
+        self.stiffer.solve(&more, &m.clamp, &m.path);
+        m.slope_by_stiffness =
+            (planar(&self.stiffer.tip_slope()) - planar(&m.rod.tip_slope())) / STIFFER.ln();
     }
 }

@@ -16,7 +16,7 @@ use std::time::Duration;
 use hal::frame::{LeftCamera, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::telemetry::Limit;
-use hal::{Arm, ArmMode, Clock, JointLimit, Recorded, Transform};
+use hal::{Arm, ArmMode, Clock, Recorded, Transform};
 use nalgebra::Vector3;
 use phantom::SettingsError;
 use phantom::camera::{CameraSettings, RigError, StereoRig};
@@ -26,11 +26,11 @@ use robots::viper;
 
 use crate::cameras;
 use crate::clock::WallTime;
-use crate::config::{Backend, Config, InsertionBy, SensorKind, TrackerSource};
+use crate::config::{Backend, Config, SensorKind, TrackerSource};
 use crate::cycle::Bearings;
 use crate::distortion::MapError;
 use crate::guide::{Guide, GuideMisfit};
-use crate::hand::{ByHand, HandFed, Slide};
+use crate::hand::{HandFed, Slide};
 use crate::host::HostError;
 use crate::remote::igtl::{Tracker, TrackerError};
 use crate::ros::Link;
@@ -43,15 +43,13 @@ pub use devices::{Pace, PlantMaker};
 pub use eyes::{Eyes, Sighting};
 pub use fit::{Course, Demand, Misfit, check_chain, follow};
 pub use marker::MarkerEyes;
-use start::field;
 pub(crate) use start::tool;
 pub use start::{Start, arm_place, assumed_speeds, bearings, chain, check_arm, description, start};
+use start::{by_hand, field, kept};
 pub use suggest::{Place as Suggestion, placed, suggest};
 pub(crate) use tool::PlacedTool;
 use tool::check_start;
 
-/// Distance that guarded joints keep from their limits \[rad\]; of sliding joints by their unit.
-const JOINT_MARGIN: f64 = 8.727e-3;
 /// Longest wait for an arm's first report.
 const CONNECT: Duration = Duration::from_secs(2);
 /// Longest wait for an arm to come to rest.
@@ -481,33 +479,6 @@ impl Rig {
     pub fn left_from_world(&self) -> Transform<LeftCamera, World> {
         self.bearings.world_from_left_camera.inverse()
     }
-}
-
-/// The needle in its guide, where the configuration has a hand push it.
-fn by_hand(
-    config: &Config,
-    chain: &Chain,
-    joints: &hal::Joints,
-) -> Result<Option<ByHand>, RigBuildError> {
-    if config.insertion.by == InsertionBy::Axis || config.is_dry() {
-        return Ok(None);
-    }
-    match ByHand::new(chain, joints) {
-        Some(by) => Ok(Some(by)),
-        None => Err(RigBuildError::NoSlide),
-    }
-}
-
-/// The joints' limits less what guarded ones keep from them.
-fn kept(chain: &Chain) -> Vec<JointLimit> {
-    let joints = chain.limits().iter().zip(chain.kinds());
-    joints
-        .map(|(limit, kind)| JointLimit {
-            lower: limit.lower + JOINT_MARGIN * kind.unit(),
-            upper: limit.upper - JOINT_MARGIN * kind.unit(),
-            ..*limit
-        })
-        .collect()
 }
 
 impl core::fmt::Debug for Rig {
