@@ -257,3 +257,94 @@ impl Estimator {
             (planar(&self.stiffer.tip_slope()) - planar(&m.rod.tip_slope())) / STIFFER.ln();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use hal::Stamp;
+    use nalgebra::{Point3, Unit, Vector3};
+
+    use super::*;
+    use crate::estimator::{Observation, Start};
+    use crate::view::Entry;
+
+    const LENGTH: f64 = 0.2;
+    const GAP: f64 = 25e-3;
+    /// The guide truly points so far aside \[rad\].
+    const ASKEW: f64 = 10e-3;
+
+    /// The estimator after 5 mm through a guide that is askew, by a sensor whose place is off by `off`
+    /// \[m\].
+    fn inserted(sensor: TipSensor, off: f64) -> Estimator {
+        let at = |depth: f64| Isometry3::translation(0.0, 0.0, depth - LENGTH);
+        let start = Start {
+            length: LENGTH,
+            bending_stiffness: 2e-2,
+            cutting_edge: 0.0,
+            guide_gap: Some(GAP),
+            tip_sensor: Some(sensor),
+            advance_by_tip: false,
+            entry: Entry {
+                point: Point3::origin(),
+                inward: Vector3::z_axis(),
+            },
+            world_from_base: at(0.0),
+        };
+        let settings = EstimatorSettings {
+            stiffness_n_m2: 2e5,
+            ..EstimatorSettings::default()
+        };
+        let mut estimator = Estimator::new(&settings, &start).unwrap();
+        for k in 0..200_u32 {
+            let depth = 5e-3 * f64::from(k) / 200.0;
+            estimator.observe(&Observation {
+                stamp: Stamp::from_secs(0.025 * f64::from(k)),
+                world_from_base: at(depth),
+                position: Point3::new(ASKEW * depth + off, 0.0, depth),
+                position_sigma: 0.1e-3,
+                direction: Unit::new_normalize(Vector3::new(ASKEW, 0.0, 1.0)),
+                direction_sigma: 3e-3,
+                shaft: &[],
+                carried: false,
+            });
+        }
+        estimator
+    }
+
+    #[test]
+    fn the_tip_tells_how_the_support_lies_and_the_sensor_errs() {
+        let sensor = TipSensor {
+            place_bias: 0.6e-3,
+            axis_bias: 1e-3,
+            length: 25e-3,
+        };
+        let estimator = inserted(sensor, 0.5e-3);
+        let filter = estimator.measured.filter.ruling();
+        let unseen = filter.unseen().unwrap();
+        let (_, pivot) = unseen.support();
+        assert!((pivot.x - ASKEW).abs() < 1.5e-3, "{pivot}");
+        // 0.6 mm of the field against 0.2 mm of the base, a priori.
+        let place = unseen.place().x;
+        assert!((0.35e-3..0.5e-3).contains(&place), "{place}");
+        // Together they are where it was measured.
+        let shown = filter.position().x + place - ASKEW * 5e-3;
+        assert!((shown - 0.5e-3).abs() < 0.05e-3, "{shown}");
+    }
+
+    #[test]
+    fn an_axis_that_may_err_tells_less_of_the_support() {
+        let sensor = TipSensor {
+            place_bias: 0.6e-3,
+            axis_bias: 20e-3,
+            length: 25e-3,
+        };
+        let estimator = inserted(sensor, 0.0);
+        let unseen = estimator.measured.filter.ruling().unseen().unwrap();
+        let (_, pivot) = unseen.support();
+        assert!(pivot.x.abs() < 0.3 * ASKEW, "{pivot}");
+        assert!(
+            (unseen.axis().x - ASKEW).abs() < 0.4 * ASKEW,
+            "{}",
+            unseen.axis()
+        );
+    }
+}
