@@ -20,7 +20,6 @@ use hal::{Arm, ArmMode, Clock, Recorded, Transform};
 use nalgebra::Vector3;
 use phantom::SettingsError;
 use phantom::camera::{CameraSettings, RigError, StereoRig};
-use robots::kinematics::Chain;
 use robots::sim::{SimError, SimulatedArm};
 use robots::viper;
 

@@ -292,7 +292,7 @@ fn merit(chain: &Chain, q: &Joints) -> f64 {
 pub(super) fn by_hand(
     config: &Config,
     chain: &Chain,
-    joints: &hal::Joints,
+    joints: &Joints,
 ) -> Result<Option<ByHand>, RigBuildError> {
     if config.insertion.by == InsertionBy::Axis || config.is_dry() {
         return Ok(None);
