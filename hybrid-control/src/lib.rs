@@ -32,7 +32,7 @@ pub mod reach;
 pub mod settings;
 mod workspace;
 
-pub use estimator::{Estimator, EstimatorError, Health, Observation, Rollout, Start};
+pub use estimator::{Estimator, EstimatorError, Health, Observation, Rollout, Start, TipSensor};
 pub use freedom::Freedom;
 pub use laws::{LAW_NAMES, LawError, guarded, law_by_name};
 pub use motion::{TissueField, TissueMotion, TissueSway};

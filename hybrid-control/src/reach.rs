@@ -264,6 +264,8 @@ mod tests {
             bending_stiffness: 2e-2,
             cutting_edge: 1e-3,
             guide_gap: None,
+            tip_sensor: None,
+            advance_by_tip: false,
             entry: crate::view::Entry {
                 point: Point3::origin(),
                 inward: Vector3::z_axis(),

@@ -21,6 +21,8 @@ fn start() -> (Start, Entry) {
         bending_stiffness: 1.836e-3,
         cutting_edge: 1.57e-3,
         guide_gap: None,
+        tip_sensor: None,
+        advance_by_tip: false,
         entry,
         world_from_base,
     };

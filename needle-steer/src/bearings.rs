@@ -3,7 +3,7 @@
 use hal::frame::{ArmBase, LeftCamera, World};
 use hal::telemetry::{ModelReport, Phase, SteeringMode, Telemetry, Tracking};
 use hal::{ArmState, Joints, Position, Transform, Twist};
-use hybrid_control::Freedom;
+use hybrid_control::{Freedom, TipSensor};
 use nalgebra::{Isometry3, Point3, Vector3};
 use robots::kinematics::Chain;
 use vision::StereoRig;
@@ -21,6 +21,8 @@ pub struct Bearings {
     pub world_from_left_camera: Transform<World, LeftCamera>,
     /// The calibrated cameras, where images close the loop.
     pub cameras: Option<StereoRig>,
+    /// What is known of a sensor of the tip alone, where one closes the loop.
+    pub tip_sensor: Option<TipSensor>,
 }
 
 /// World pose of the needle's base at an encoder reading.

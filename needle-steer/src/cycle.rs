@@ -21,7 +21,7 @@ use vision::track::TrackSettingsError;
 
 pub use crate::bearings::{Bearings, base_pose};
 use crate::bearings::{entry_point, first_telemetry, freedom};
-use crate::config::Config;
+use crate::config::{Config, InsertionBy};
 use crate::guide::Guide;
 use crate::monitor::Trace;
 use crate::monitor::plausibility::{Implausible, Plausibility};
@@ -121,6 +121,8 @@ impl Cycle {
             bending_stiffness: needle.bending_stiffness(),
             cutting_edge: springs::bevel_length(config),
             guide_gap: Guide::of(config).map(|guide| guide.gap),
+            tip_sensor: bearings.tip_sensor,
+            advance_by_tip: config.insertion.by == InsertionBy::Hand,
             entry,
             world_from_base,
         };
@@ -277,7 +279,7 @@ impl Cycle {
         let measured = tip
             .age
             .is_finite()
-            .then_some(tip.world_from_tip.translation.vector);
+            .then(|| self.estimator.tip_beside_base().coords);
         let (stiffness, sigma) = self.estimator.stiffness();
         self.telemetry.model.stiffness = stiffness;
         self.telemetry.model.stiffness_sigma = sigma;

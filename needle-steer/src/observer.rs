@@ -6,6 +6,8 @@ use hal::telemetry::Telemetry;
 use hal::{ArmState, RateCommand, SensedMarker, SensedShape, StereoFrame};
 use vision::track::Tracked;
 
+use crate::hand::Prompt;
+
 /// Takes note of a run while it goes on.
 pub trait Observer {
     /// The arm where the controller starts from; called first.
@@ -41,6 +43,11 @@ pub trait Observer {
         let _ = marker;
     }
 
+    /// What is asked of the hand that pushes the needle from now on.
+    fn prompt(&mut self, prompt: Prompt) {
+        let _ = prompt;
+    }
+
     /// A command that went out.
     fn command(&mut self, command: &RateCommand) {
         let _ = command;
@@ -68,6 +75,11 @@ impl Observer for Both<'_> {
     fn start(&mut self, arm: &ArmState) {
         self.0.start(arm);
         self.1.start(arm);
+    }
+
+    fn prompt(&mut self, prompt: Prompt) {
+        self.0.prompt(prompt);
+        self.1.prompt(prompt);
     }
 
     fn step(&mut self, telemetry: &Telemetry) {

@@ -1,5 +1,6 @@
 //! The run loop: the only code that moves an arm. Every way out of it stops the arm.
 
+mod by_hand;
 mod target;
 mod verdict;
 
@@ -13,6 +14,7 @@ use crate::aim::{TargetRefused, given_target};
 use crate::config::Config;
 use crate::controls::{Controls, Wish};
 use crate::cycle::{Cycle, CycleError, Snapshot, base_pose};
+use crate::hand::Prompter;
 use crate::holds::Holds;
 use crate::monitor::{Freshness, Monitor};
 pub use crate::observer::{Both, Observer, Unobserved};
@@ -23,6 +25,7 @@ use crate::rig::{Rig, RigBuildError, Sighting};
 use crate::sight::Sight;
 use crate::supervisor::{Bounds, StopReason, Supervisor, Verdict};
 use crate::withdrawal::{self, BasePath};
+use by_hand::travelled;
 use hybrid_control::ReachMonitor;
 use hybrid_control::view::Law;
 pub use target::check_target;
@@ -105,6 +108,8 @@ pub struct Insertion<'a> {
     progress: Progress,
     holds: Holds,
     events: Events,
+    /// Asks the hand, where one pushes the needle.
+    prompter: Option<Prompter>,
     phase: Phase,
     before_pause: Phase,
     straight: f64,
@@ -213,6 +218,10 @@ impl<'a> Insertion<'a> {
             progress: Progress::new(config.run.insertion_speed_mm_s * 1e-3),
             holds: Holds::default(),
             events: Events::default(),
+            prompter: rig
+                .slide
+                .clone()
+                .map(|slide| Prompter::new(slide, config.insertion.step_mm * 1e-3)),
             phase: Phase::PreInsertion,
             before_pause: Phase::PreInsertion,
             straight,
@@ -284,7 +293,9 @@ impl<'a> Insertion<'a> {
             let evidence = self.evidence(now);
             let telemetry = self.cycle.telemetry();
             let mut rates = self.rates;
-            match self.supervisor.judge(now, &state, telemetry, &evidence) {
+            let verdict = self.supervisor.judge(now, &state, telemetry, &evidence);
+            self.ask_hand(now, &base, verdict == Verdict::Go, observer);
+            match verdict {
                 Verdict::Go if self.passing.is_waiting() => rates = rates.zeroed(),
                 Verdict::Go => rates = self.slowed(),
                 Verdict::Hold(cause) => {
@@ -443,8 +454,7 @@ impl<'a> Insertion<'a> {
             return;
         }
         let base = base_pose(&self.rig.bearings, state);
-        let travelled = (base.translation.vector - self.start.translation.vector)
-            .dot(&(self.start.rotation * nalgebra::Vector3::z()));
+        let travelled = travelled(&self.start, &base);
         if travelled < self.straight {
             return;
         }

@@ -28,6 +28,14 @@ use crate::run::run;
 pub const BOARDS: usize = 15;
 /// Time between two pairs of a film.
 const FILM_PERIOD: Duration = Duration::from_secs(2);
+/// Half width of the grid of a needle in air, across, and the distance of its places \[mm\].
+const IN_AIR: (i32, usize) = (15, 5);
+/// Distance of its depths \[mm\].
+const IN_AIR_DEPTHS: usize = 10;
+/// How far beyond the target it goes \[mm\].
+const IN_AIR_BEYOND: f64 = 15.0;
+/// Measurements at each place.
+const IN_AIR_SAMPLES: usize = 5;
 /// Time between two rows of a recording.
 const RECORDING_PERIOD: Duration = Duration::from_millis(250);
 /// Feedback of the arm that is kept: more than any sensor's latency \[readings\].
@@ -47,6 +55,65 @@ pub fn calibration(config: &Config, folder: &Path) -> anyhow::Result<()> {
     save(&folder.join("stereo.yml"), |out| {
         Ok(out.write_all(text.as_bytes())?)
     })
+}
+
+/// Writes what the phantom's electromagnetic sensor shows of a needle in air, its guide at known
+/// places about the entry, as a table for `calibrate distortion`; answers the number of places.
+///
+/// # Errors
+/// The insertion goes along none of World's axes, the phantom's settings are wrong, or the file cannot be
+/// written.
+pub fn in_air(config: &Config, file: &Path) -> anyhow::Result<usize> {
+    let inward = config.inward();
+    let along = inward.iamax();
+    anyhow::ensure!(
+        inward[along].abs() > 1.0 - 1e-6,
+        "tissue.inward = {:?}: a table in air needs an insertion along one of World's axes",
+        config.tissue.inward
+    );
+    let steps = || (-IN_AIR.0..=IN_AIR.0).step_by(IN_AIR.1).map(f64::from);
+    let deepest = config.target.depth_mm + IN_AIR_BEYOND;
+    let mut places = Vec::new();
+    let mut depth = 0.0;
+    while depth <= deepest {
+        for first in steps() {
+            for second in steps() {
+                let mut guide = config.entry().coords;
+                guide[(along + 1) % 3] += first * 1e-3;
+                guide[(along + 2) % 3] += second * 1e-3;
+                places.push((depth, guide, guide + inward.scale(depth * 1e-3)));
+            }
+        }
+        depth += IN_AIR_DEPTHS as f64;
+    }
+    let settings = config.phantom_settings()?.em;
+    let tips = places.iter().map(|(.., tip)| tip);
+    let seen = phantom::em::in_air(&settings, config.run.seed, tips, &inward, IN_AIR_SAMPLES);
+    let mut text = String::from(
+        "depth_mm,guide_x_mm,guide_y_mm,guide_z_mm,tip_x_mm,tip_y_mm,tip_z_mm,axis_x,axis_y,axis_z,\
+         sd_x_mm,sd_y_mm,sd_z_mm,samples\n",
+    );
+    for ((depth, guide, _), seen) in places.iter().zip(&seen) {
+        let [guide, tip, sd] = [*guide, seen.tip, seen.deviation].map(|v| v * 1e3);
+        writeln!(
+            text,
+            "{depth},{:.3},{:.3},{:.3},{:.3},{:.3},{:.3},{:.5},{:.5},{:.5},{:.3},{:.3},{:.3},{IN_AIR_SAMPLES}",
+            guide.x,
+            guide.y,
+            guide.z,
+            tip.x,
+            tip.y,
+            tip.z,
+            seen.axis.x,
+            seen.axis.y,
+            seen.axis.z,
+            sd.x,
+            sd.y,
+            sd.z
+        )?;
+    }
+    save(file, |out| Ok(out.write_all(text.as_bytes())?))?;
+    Ok(seen.len())
 }
 
 /// Writes pairs of images of a chessboard of 9 x 6 inner corners, as the phantom's cameras see it

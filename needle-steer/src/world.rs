@@ -12,6 +12,7 @@ use nalgebra::Vector3;
 use phantom::{Bench, Event};
 use robots::kinematics::Chain;
 
+use crate::distortion::DistortionMap;
 use crate::score::{GroundTruth, Score, Scoring, TrueFigures};
 
 /// What moves in the world: an arm whose true joints can be read at any time.
@@ -43,6 +44,8 @@ struct Inner {
     score: Option<Score>,
     /// The score of the tip as the field of an electromagnetic sensor shows it, without noise.
     apparent: Option<Score>,
+    /// Map by which measurements of that sensor are corrected.
+    map: Option<Arc<DistortionMap>>,
     /// Exposure whose events were taken last.
     newest: Stamp,
     /// Events since the last report.
@@ -71,6 +74,7 @@ impl SimulatedWorld {
             stereo_from_world,
             score: None,
             apparent: None,
+            map: None,
             newest: Stamp::ZERO,
             events: Vec::new(),
         })))
@@ -78,6 +82,11 @@ impl SimulatedWorld {
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Measurements of an electromagnetic tip are corrected by `map`; what that leaves is its bias.
+    pub fn correct_by(&self, map: Arc<DistortionMap>) {
+        self.lock().map = Some(map);
     }
 
     /// Moves everything on to `stamp`.
@@ -89,7 +98,7 @@ impl SimulatedWorld {
             .bench
             .advance_to(stamp, &(inner.world_from_arm_base * base));
         inner.note_events();
-        let (marker, bias) = (inner.bench.marker(), inner.bench.tip_bias());
+        let (marker, bias) = (inner.bench.marker(), inner.tip_bias());
         let truth = inner.bench.truth();
         let scores = [
             (&mut inner.score, Some(Vector3::zeros())),
@@ -132,6 +141,15 @@ impl SimulatedWorld {
 }
 
 impl Inner {
+    /// What the field of an electromagnetic tip adds to its place now, less what a map takes off
+    /// \[m\]; nothing with another sensor.
+    fn tip_bias(&self) -> Option<Vector3<f64>> {
+        let bias = self.bench.tip_bias()?;
+        let measured = self.bench.truth().tip() + bias;
+        let known = |map: &Arc<DistortionMap>| map.of_place(&measured.into());
+        Some(bias - self.map.as_ref().map_or_else(Vector3::zeros, known))
+    }
+
     fn note_events(&mut self) {
         let truth = self.bench.truth();
         if truth.stamp == self.newest {
@@ -192,7 +210,7 @@ impl Scoring for SimulatedWorld {
     fn watch(&self, target: Vector3<f64>) {
         let mut inner = self.lock();
         inner.score = Some(Score::new(target));
-        inner.apparent = inner.bench.tip_bias().map(|_| Score::new(target));
+        inner.apparent = inner.tip_bias().map(|_| Score::new(target));
     }
 
     fn report(&self) -> TruthReport {
@@ -209,7 +227,7 @@ impl Scoring for SimulatedWorld {
         let inner = self.lock();
         let truth = inner.bench.truth();
         let (tip, axis) = (truth.tip(), truth.direction());
-        let apparent = inner.apparent.zip(inner.bench.tip_bias());
+        let apparent = inner.apparent.zip(inner.tip_bias());
         Some(TrueFigures {
             lateral_less_bias: apparent
                 .map(|(score, bias)| score.figures(&(tip + bias), &axis).lateral),

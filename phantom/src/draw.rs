@@ -29,6 +29,8 @@ pub(crate) enum Purpose {
     MarkerBias,
     Distortion,
     Coil,
+    InAir,
+    Hand,
 }
 
 /// The generator of `seed` for one purpose.

@@ -139,6 +139,69 @@ impl Coil {
     }
 }
 
+/// A tip measured in air, by the median of several measurements.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InAir {
+    /// Where it was measured, World \[m\].
+    pub tip: Vector3<f64>,
+    /// Its axis as measured.
+    pub axis: Unit<Vector3<f64>>,
+    /// Standard deviation of a single measurement, World's axes \[m\].
+    pub deviation: Vector3<f64>,
+}
+
+/// What the sensor of run `seed` shows of a straight needle that is held still in air with its tip at
+/// each of `tips` (World) and its axis along `axis`, `samples` times each: the field is that of the run, the
+/// noise another.
+pub fn in_air<'a>(
+    settings: &EmSettings,
+    seed: u64,
+    tips: impl IntoIterator<Item = &'a Vector3<f64>>,
+    axis: &Unit<Vector3<f64>>,
+    samples: usize,
+) -> Vec<InAir> {
+    let field = Distortion::new(settings, seed);
+    let mut rng = stream(seed, Purpose::InAir);
+    let setback = axis.into_inner() * (settings.setback_mm * 1e-3);
+    let mut measure = |tip: &Vector3<f64>| {
+        let coil = tip - setback;
+        let mut noise = |sigma: f64| Vector3::from_fn(|_, _| normal(&mut rng)) * sigma;
+        let mut seen = Vec::with_capacity(samples);
+        for _ in 0..samples {
+            let turn = field.of_axis(&coil) + noise(settings.axis_noise_mrad * 1e-3);
+            let shown = Unit::new_normalize(axis.into_inner() + turn - **axis * axis.dot(&turn));
+            let place = coil + field.of_place(&coil) + noise(settings.noise_mm * 1e-3);
+            seen.push((place + *shown * (settings.setback_mm * 1e-3), shown));
+        }
+        let count = seen.len().max(1) as f64;
+        let mean = seen.iter().map(|(tip, _)| tip).sum::<Vector3<f64>>() / count;
+        let square: Vector3<f64> = seen
+            .iter()
+            .map(|(tip, _)| (tip - mean).map(|x| x * x))
+            .sum();
+        let of = |pick: &dyn Fn(&(Vector3<f64>, Unit<Vector3<f64>>)) -> f64| {
+            middle(seen.iter().map(pick).collect())
+        };
+        InAir {
+            tip: Vector3::from_fn(|i, _| of(&|(tip, _)| tip[i])),
+            axis: Unit::new_normalize(Vector3::from_fn(|i, _| of(&|(_, axis)| axis[i]))),
+            deviation: square.map(|x| (x / (count - 1.0).max(1.0)).sqrt()),
+        }
+    };
+    tips.into_iter().map(&mut measure).collect()
+}
+
+/// The median.
+fn middle(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let half = values.len() / 2;
+    match (values.get(half), values.get(half.wrapping_sub(1))) {
+        (Some(upper), Some(lower)) if values.len().is_multiple_of(2) => 0.5 * (upper + lower),
+        (Some(one), _) => *one,
+        (None, _) => 0.0,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

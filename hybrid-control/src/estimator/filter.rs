@@ -3,10 +3,11 @@
 
 use nalgebra::{Matrix2, Rotation2, SMatrix, SVector, Vector2};
 
+use super::unseen::{SlopeBy, Unseen};
 use crate::settings::EstimatorSettings;
 
 /// Numbers in the state.
-const N: usize = 8;
+pub(super) const N: usize = 8;
 /// Where the tip's compliance stands in the state.
 const COMPLIANCE: usize = 6;
 /// Where the tip's yielding stands in the state.
@@ -21,7 +22,7 @@ pub(crate) struct TipState {
     /// Slope of the shaft at the tip.
     pub(crate) slope: Vector2<f64>,
     /// Its derivative by the tip's position \[1/m\].
-    pub(crate) slope_by_position: f64,
+    pub(crate) slope_by: SlopeBy,
     /// Force of the path on the tip \[N\].
     pub(crate) force: Vector2<f64>,
     /// Its derivative by the tip's position \[N/m\].
@@ -55,10 +56,17 @@ pub(crate) struct Filter {
     pub(crate) p: SMatrix<f64, N, N>,
     prior_size: f64,
     behaviour: Behaviour,
+    /// What a sensor of the tip alone leaves open beside that.
+    unseen: Option<Unseen>,
 }
 
 impl Filter {
-    pub(crate) fn new(position: Vector2<f64>, behaviour: Behaviour, s: &EstimatorSettings) -> Self {
+    pub(crate) fn new(
+        position: Vector2<f64>,
+        behaviour: Behaviour,
+        s: &EstimatorSettings,
+        unseen: Option<Unseen>,
+    ) -> Self {
         let size = s.cut_angle_deg.to_radians();
         let c = (s.start_sigma_mm * 1e-3).powi(2);
         let b = s.start_disturbance_deg.to_radians().powi(2);
@@ -72,6 +80,7 @@ impl Filter {
                 s.tip_yielding_sigma,
             ),
         };
+        let c = unseen.as_ref().map_or(c, Unseen::start_variance);
         Self {
             x: SVector::from([position.x, position.y, 0.0, 0.0, size, 0.0, compliance, 0.0]),
             p: SMatrix::from_diagonal(&SVector::from([
@@ -86,7 +95,13 @@ impl Filter {
             ])),
             prior_size: size,
             behaviour,
+            unseen,
         }
+    }
+
+    /// What a sensor of the tip alone leaves open.
+    pub(crate) const fn unseen(&self) -> Option<&Unseen> {
+        self.unseen.as_ref()
     }
 
     pub(crate) fn position(&self) -> Vector2<f64> {
@@ -141,7 +156,7 @@ impl Filter {
             Behaviour::Held => 0.0,
             Behaviour::Free => (compliance * tip.force_by_position).clamp(0.0, 400.0),
         };
-        let back = tip.slope_by_position.clamp(-200.0, 0.0) - by_force;
+        let back = tip.slope_by.position.clamp(-200.0, 0.0) - by_force;
         let stay = (1.0 + advance * back).max(0.0);
         f.fixed_view_mut::<2, 2>(0, 0)
             .copy_from(&(Matrix2::identity() * stay));
@@ -152,7 +167,10 @@ impl Filter {
         f.fixed_view_mut::<2, 1>(0, COMPLIANCE)
             .copy_from(&((bevel * tip.force_of_angle - tip.force) * advance));
         f.fixed_view_mut::<2, 1>(0, YIELDING).copy_from(&freed);
-        self.p = f * self.p * f.transpose();
+        self.p = match &mut self.unseen {
+            None => f * self.p * f.transpose(),
+            Some(unseen) => unseen.propagate(&self.p, &f, &tip.slope_by, advance),
+        };
         let walk =
             |deg_per: f64, over_mm: f64| deg_per.to_radians().powi(2) * advance / (over_mm * 1e-3);
         let q_c = s.cut_noise_deg.to_radians().powi(2) * 5e-3 * advance;
@@ -170,39 +188,43 @@ impl Filter {
         let mut h = SMatrix::<f64, 2, N>::zeros();
         h[(0, 0)] = 1.0;
         h[(1, 1)] = 1.0;
-        let innovation = measured - self.position();
-        self.update(&h, &innovation, sigma)
+        let field = self
+            .unseen
+            .as_ref()
+            .map_or_else(Vector2::zeros, Unseen::place);
+        let innovation = measured - self.position() - field;
+        self.update(&h, None, &innovation, sigma)
     }
 
     /// Takes in the difference of the measured and the model's slope.
-    pub(crate) fn measure_slope(
-        &mut self,
-        difference: &Vector2<f64>,
-        slope_by_position: f64,
-        sigma: f64,
-    ) {
+    pub(crate) fn measure_slope(&mut self, difference: &Vector2<f64>, by: &SlopeBy, sigma: f64) {
         let mut h = SMatrix::<f64, 2, N>::zeros();
-        h[(0, 0)] = slope_by_position;
-        h[(1, 1)] = slope_by_position;
-        self.update(&h, difference, sigma);
+        h[(0, 0)] = by.position;
+        h[(1, 1)] = by.position;
+        let field = self
+            .unseen
+            .as_ref()
+            .map_or_else(Vector2::zeros, Unseen::axis);
+        self.update(&h, Some(by), &(difference - field), sigma);
     }
 
-    /// Measurements far outside their spread count less (Huber's weight at four sigma).
-    fn update(&mut self, h: &SMatrix<f64, 2, N>, innovation: &Vector2<f64>, sigma: f64) -> f64 {
-        let spread = h * self.p * h.transpose();
-        let expected = (spread.trace() * 0.5 + sigma * sigma).sqrt();
-        let excess = (innovation.norm() / (4.0 * expected)).max(1.0);
-        let noise = Matrix2::identity() * (sigma * sigma * excess * excess);
-        let Some(inverse) = (spread + noise).try_inverse() else {
+    /// Takes in a measurement of the tip's place, or of its slope with what that depends on.
+    fn update(
+        &mut self,
+        h: &SMatrix<f64, 2, N>,
+        slope_by: Option<&SlopeBy>,
+        innovation: &Vector2<f64>,
+        sigma: f64,
+    ) -> f64 {
+        let likelihood = match &mut self.unseen {
+            None => correct(&mut self.x, &mut self.p, h, innovation, sigma),
+            Some(unseen) => {
+                unseen.correct((&mut self.x, &mut self.p), h, slope_by, innovation, sigma)
+            }
+        };
+        let Some(likelihood) = likelihood else {
             return 0.0;
         };
-        let likelihood =
-            -0.5 * (innovation.dot(&(inverse * innovation)) - inverse.determinant().ln());
-        let gain: SMatrix<f64, N, 2> = self.p * h.transpose() * inverse;
-        self.x += gain * innovation;
-        let keep = SMatrix::<f64, N, N>::identity() - gain * h;
-        self.p = keep * self.p * keep.transpose() + gain * noise * gain.transpose();
-        self.p = (self.p + self.p.transpose()) * 0.5;
         self.floor_bevel();
         if self.behaviour == Behaviour::Free {
             self.x[COMPLIANCE] = self.x[COMPLIANCE].clamp(0.0, MOST_COMPLIANT);
@@ -222,6 +244,29 @@ impl Filter {
             self.x.fixed_rows_mut::<2>(4).copy_from(&(along * floor));
         }
     }
+}
+
+/// Kalman's correction; how likely the measurement was, as a logarithm. Measurements far outside
+/// their spread count less (Huber's weight at four sigma).
+pub(super) fn correct<const D: usize>(
+    x: &mut SVector<f64, D>,
+    p: &mut SMatrix<f64, D, D>,
+    h: &SMatrix<f64, 2, D>,
+    innovation: &Vector2<f64>,
+    sigma: f64,
+) -> Option<f64> {
+    let spread = h * *p * h.transpose();
+    let expected = (spread.trace() * 0.5 + sigma * sigma).sqrt();
+    let excess = (innovation.norm() / (4.0 * expected)).max(1.0);
+    let noise = Matrix2::identity() * (sigma * sigma * excess * excess);
+    let inverse = (spread + noise).try_inverse()?;
+    let likelihood = -0.5 * (innovation.dot(&(inverse * innovation)) - inverse.determinant().ln());
+    let gain: SMatrix<f64, D, 2> = *p * h.transpose() * inverse;
+    *x += gain * innovation;
+    let keep = SMatrix::<f64, D, D>::identity() - gain * h;
+    *p = keep * *p * keep.transpose() + gain * noise * gain.transpose();
+    *p = (*p + p.transpose()) * 0.5;
+    Some(likelihood)
 }
 
 /// Noise of the direction in one image of a shaft that is seen well \[rad\].
@@ -259,7 +304,7 @@ mod tests {
     #[test]
     fn bevel_and_disturbance_separate_after_a_turn() {
         let s = EstimatorSettings::default();
-        let mut filter = Filter::new(Vector2::zeros(), Behaviour::Held, &s);
+        let mut filter = Filter::new(Vector2::zeros(), Behaviour::Held, &s, None);
         let (g, b) = (Vector2::new(0.022, 0.006), Vector2::new(-0.003, 0.002));
         let mut c = Vector2::zeros();
         for i in 0..1200 {
@@ -276,7 +321,7 @@ mod tests {
     #[test]
     fn an_outlier_moves_little() {
         let s = EstimatorSettings::default();
-        let mut filter = Filter::new(Vector2::zeros(), Behaviour::Held, &s);
+        let mut filter = Filter::new(Vector2::zeros(), Behaviour::Held, &s, None);
         for _ in 0..20 {
             filter.measure_position(&Vector2::zeros(), 0.05e-3);
         }

@@ -3,6 +3,7 @@
 use hal::Stamp;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
+pub use super::unseen::TipSensor;
 use crate::view::Entry;
 
 /// What is known at the start.
@@ -17,6 +18,12 @@ pub struct Start {
     /// Distance of a guide's exit from the surface along the insertion \[m\], where the needle slides
     /// in one; its direction and place across are the base's.
     pub guide_gap: Option<f64>,
+    /// Where a sensor of the tip alone measures: its lasting errors. Support, stiffness and they are
+    /// then estimated from the tip; else points of the shaft tell.
+    pub tip_sensor: Option<TipSensor>,
+    /// Whether the base's place along the needle is told by the tip, as where a hand pushes it: then the
+    /// tip is a needle's length ahead of it, however the needle is bent.
+    pub advance_by_tip: bool,
     /// The entry.
     pub entry: Entry,
     /// Pose of the base with the tip at the surface, or at the present depth.

@@ -11,21 +11,24 @@ mod moment;
 mod path;
 mod rod;
 mod rollout;
+mod shown;
 mod stiffness;
 mod tip;
+mod unseen;
 
 use hal::Stamp;
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 use crate::settings::EstimatorSettings;
 use crate::view::Tip;
-pub use input::{EstimatorError, Health, Observation, Start};
+pub use input::{EstimatorError, Health, Observation, Start, TipSensor};
 use moment::{Moment, advance, azimuth_of, clamp_of, insertion_frame, tip_row};
 use path::CutPath;
 use rod::{Clamp, Rod, RodConstants, Row};
 pub use rollout::Rollout;
 use stiffness::StiffnessFit;
 use tip::TipFilter;
+use unseen::Unseen;
 
 /// A tip farther than this behind the end of its path is no longer held by uncut tissue: where
 /// it is then says nothing about the path \[m\].
@@ -33,6 +36,11 @@ const LOOSE: f64 = 0.15e-3;
 
 /// Share by which a tip that is drawn back follows a measurement.
 const FOLLOW: f64 = 0.2;
+
+/// Way from the start over which a needle whose base goes straight on counts as straight \[m\].
+const STRAIGHT: f64 = 6e-3;
+/// How far its base may go aside meanwhile \[m\].
+const ASIDE: f64 = 0.1e-3;
 
 /// No measurement is taken for better than this \[m\].
 const LEAST_SIGMA: f64 = 1e-6;
@@ -70,6 +78,10 @@ pub struct Estimator {
     /// Way of the tip as far as the model moved it, without what measurements changed \[m, World\].
     way: Vector3<f64>,
     start: Start,
+    /// Depth up to which it may be straight \[m\], and where its base started, across \[m\].
+    straight: (f64, Vector2<f64>),
+    /// Memory for a rod in stiffer tissue.
+    stiffer: Rod,
 }
 
 fn positive(quantity: &'static str, value: f64) -> Result<(), EstimatorError> {
@@ -130,15 +142,20 @@ impl Estimator {
         path.extend_to(tip.z.max(0.0), &tip_row(&tip.coords.xy()));
         path.for_each(|_, row| row[TIP] = 0.0);
         path.set_tip(&tip_row(&tip.coords.xy()));
+        let unseen = start
+            .tip_sensor
+            .map(|sensor| Unseen::new(&sensor, settings));
         let mut moment = Moment {
             stamp: None,
-            filter: TipFilter::new(tip.coords.xy(), settings),
+            filter: TipFilter::new(tip.coords.xy(), settings, unseen.as_ref()),
             path,
             rod: Rod::default(),
             base,
             clamp,
             azimuth: azimuth_of(&base),
             retracted: 0.0,
+            straight: unseen.is_some(),
+            slope_by_stiffness: Vector2::zeros(),
         };
         moment.rod.solve(&constants, &moment.clamp, &moment.path);
         Ok(Self {
@@ -158,6 +175,8 @@ impl Estimator {
             observations: 0,
             way: Vector3::zeros(),
             start: *start,
+            straight: (tip.z.max(0.0) + STRAIGHT, base.translation.vector.xy()),
+            stiffer: Rod::default(),
         })
     }
 
@@ -203,17 +222,19 @@ impl Estimator {
             .inverse_transform_point(&o.position)
             + lever * self.reach;
         self.observations += 1;
-        if self.observations == 1 {
+        if self.observations == 1 && self.start.tip_sensor.is_none() {
             self.lay_first_path(&position.coords.xy(), &axis);
         }
         let m = &mut self.measured;
         let slope = planar(&m.rod.tip_slope());
-        let by_position = m.rod.tip_slope()[TIP];
+        let slope_by = m.slope_by();
         let ahead = position.z - m.path.tip_depth();
         let gain = (1.0 / self.observations as f64).max(0.05);
-        self.depth_offset += gain * (ahead + m.retracted);
+        if !self.start.advance_by_tip {
+            self.depth_offset += gain * (ahead + m.retracted);
+        }
         if m.retracted > LOOSE {
-            let beside = position.coords.xy() - in_hole(m);
+            let beside = position.coords.xy() - m.filter.place_bias() - in_hole(m);
             self.beside_hole += (beside - self.beside_hole) * FOLLOW;
             return Health::Used;
         }
@@ -231,12 +252,14 @@ impl Estimator {
                 .direction_sigma
                 .max(self.settings.direction_floor_deg.to_radians());
             let sigma = filter::alone(sigma, elapsed);
-            m.filter.measure_slope(&difference, by_position, sigma);
+            m.filter.measure_slope(&difference, &slope_by, sigma);
             // About two seconds, or as long as the noise needs to fall below 0.1 degree.
             let time = (0.033 * (o.direction_sigma / 1.7e-3).powi(2)).max(1.5);
             let gain = (elapsed / time).clamp(gain.min(0.3), 1.0);
             self.slope_offset += (difference - self.slope_offset) * gain;
         }
+        self.adopt_unseen(&base);
+        let m = &mut self.measured;
         let tip = tip_row(&m.filter.position());
         m.path.set_tip(&tip);
         m.rod.solve(&self.constants, &m.clamp, &m.path);
@@ -259,11 +282,13 @@ impl Estimator {
             present.clamp = measured.clamp;
             present.azimuth = measured.azimuth;
             present.retracted = measured.retracted;
+            present.straight = measured.straight;
+            present.slope_by_stiffness = measured.slope_by_stiffness;
             if self.settings.compensate_latency {
                 advance(
                     present,
                     &base,
-                    (self.length, self.start.guide_gap),
+                    (self.length, &self.start),
                     self.depth_offset,
                     &self.constants,
                     &self.stiffness,
@@ -322,7 +347,13 @@ impl Estimator {
         let by_disturbance = way * (0.5 * (p[(2, 2)] + p[(3, 3)])).max(0.0).sqrt();
         let walk = self.settings.disturbance_walk_deg.to_radians();
         let to_come = remaining * walk * (remaining / 10e-3 / 3.0).sqrt();
-        by_bevel.hypot(by_disturbance).hypot(to_come)
+        let by_sensor = filter
+            .unseen()
+            .map_or(0.0, |unseen| unseen.place_sigma(remaining));
+        by_bevel
+            .hypot(by_disturbance)
+            .hypot(to_come)
+            .hypot(by_sensor)
     }
 
     /// Free length of the needle \[m\].
@@ -423,41 +454,13 @@ impl Estimator {
         advance(
             &mut self.measured,
             base,
-            (self.length, self.start.guide_gap),
+            (self.length, &self.start),
             self.depth_offset,
             &self.constants,
             &self.stiffness,
             &self.settings,
         );
         self.way += self.lateral(&(self.measured.filter.position() - before));
-    }
-
-    fn tip(&self, age: f64) -> Tip {
-        let m = &self.present;
-        let p = &m.filter.ruling().p;
-        let c = if m.retracted > LOOSE {
-            in_hole(m) + self.beside_hole
-        } else {
-            m.filter.position()
-        };
-        let slope = planar(&m.rod.tip_slope()) + self.slope_offset;
-        let back = Vector3::new(slope.x, slope.y, 1.0);
-        let back = back * (self.reach / back.norm());
-        let edge = Point3::new(c.x, c.y, m.path.tip_depth() - m.retracted);
-        let position = self.world_from_insertion * (edge - back);
-        let axis = self.world_from_insertion.rotation * Vector3::new(slope.x, slope.y, 1.0);
-        let from = self.present_base.rotation * Vector3::z();
-        // Without torsion the tip frame is the base frame turned the shortest way.
-        let bend = UnitQuaternion::rotation_between(&from, &axis).unwrap_or_default();
-        Tip {
-            world_from_tip: Isometry3::from_parts(
-                Translation3::from(position.coords),
-                bend * self.present_base.rotation,
-            ),
-            position_sigma: (0.5 * (p[(0, 0)] + p[(1, 1)])).sqrt(),
-            direction_sigma: 0.2_f64.to_radians(),
-            age,
-        }
     }
 
     fn fit_stiffness(&mut self, o: &Observation<'_>) {

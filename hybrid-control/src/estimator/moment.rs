@@ -8,6 +8,7 @@ use super::path::CutPath;
 use super::rod::{COLUMNS, Clamp, Rod, RodConstants, Row};
 use super::stiffness::StiffnessFit;
 use super::tip::TipFilter;
+use super::unseen::SlopeBy;
 use super::{PIVOT, SHIFT, Start, TIP, X, Y, planar};
 use crate::settings::EstimatorSettings;
 
@@ -26,6 +27,44 @@ pub(super) struct Moment {
     pub(super) azimuth: f64,
     /// How far the tip is behind the end of its path \[m\].
     pub(super) retracted: f64,
+    /// Whether the needle is still straight: nothing has bent it since its start.
+    pub(super) straight: bool,
+    /// Derivative of the tip's slope by the logarithm of the stiffness.
+    pub(super) slope_by_stiffness: Vector2<f64>,
+}
+
+impl Moment {
+    /// Derivatives of the tip's slope.
+    pub(super) fn slope_by(&self) -> SlopeBy {
+        if self.straight {
+            // It points from the support to the tip.
+            let length = (self.path.tip_depth() - self.clamp.z).max(1e-3);
+            return SlopeBy {
+                position: 1.0 / length,
+                shift: -1.0 / length,
+                pivot: -self.clamp.z / length,
+                stiffness: Vector2::zeros(),
+            };
+        }
+        let slope = self.rod.tip_slope();
+        SlopeBy {
+            position: slope[TIP],
+            shift: slope[SHIFT],
+            pivot: slope[PIVOT],
+            stiffness: self.slope_by_stiffness,
+        }
+    }
+
+    /// Lays the path of a needle that is still straight.
+    pub(super) fn lay_straight(&mut self) {
+        let (w, tip) = (planar(&self.clamp.w), self.filter.position());
+        let (z, length) = (self.clamp.z, self.path.tip_depth() - self.clamp.z);
+        self.path.for_each(|depth, row| {
+            let at = w + (tip - w) * ((depth - z) / length.max(1e-3));
+            row[X] = at.x;
+            row[Y] = at.y;
+        });
+    }
 }
 
 /// Origin at the entry, z along the inward normal, x nearest to the base's x.
@@ -63,8 +102,9 @@ pub(super) fn clamp_of(base: &Isometry3<f64>, gap: Option<f64>, fit: &StiffnessF
         let to_exit = (-gap - origin.z) / axis.z.max(0.3);
         origin += axis * to_exit.max(0.0);
     }
-    let slope = Vector2::new(axis.x, axis.y) / axis.z.max(0.3) + fit.base_tilt();
-    let w = origin.xy() + fit.base_shift();
+    let pivot = fit.base_pivot();
+    let slope = Vector2::new(axis.x, axis.y) / axis.z.max(0.3) + fit.base_tilt() + pivot;
+    let w = origin.xy() + fit.base_shift() + pivot * origin.z;
     Clamp {
         z: origin.z,
         w: [w.x, w.y, origin.z, 1.0, 0.0],
@@ -73,14 +113,14 @@ pub(super) fn clamp_of(base: &Isometry3<f64>, gap: Option<f64>, fit: &StiffnessF
 }
 
 /// The tip by a rod solved for the clamp `old`, whose base moves to `new`.
-fn tip_state(rod: &Rod, old: &Clamp, new: &Clamp, constants: &RodConstants) -> TipState {
-    let (slope, force) = (rod.tip_slope(), rod.reaction());
+fn tip_state(m: &Moment, old: &Clamp, new: &Clamp, constants: &RodConstants) -> TipState {
+    let (slope, force) = (m.rod.tip_slope(), m.rod.reaction());
     // Motion across: what insertion along the old axis does not explain, as pivot and shift.
     let turned = planar(&new.slope) - planar(&old.slope);
     let across = planar(&new.w) - planar(&old.w) - planar(&old.slope) * (new.z - old.z);
     TipState {
         slope: planar(&slope),
-        slope_by_position: slope[TIP],
+        slope_by: m.slope_by(),
         force: planar(&force),
         force_by_position: force[TIP],
         force_by_base: turned * force[PIVOT] + (across - turned * new.z) * force[SHIFT],
@@ -92,7 +132,7 @@ fn tip_state(rod: &Rod, old: &Clamp, new: &Clamp, constants: &RodConstants) -> T
 pub(super) fn advance(
     m: &mut Moment,
     base: &Isometry3<f64>,
-    (length, gap): (f64, Option<f64>),
+    (length, start): (f64, &Start),
     depth_offset: f64,
     constants: &RodConstants,
     fit: &StiffnessFit,
@@ -100,17 +140,21 @@ pub(super) fn advance(
 ) {
     let before = m.rod.tip_slope();
     // What the fit changes of the base is no motion.
-    let old = clamp_of(&m.base, gap, fit);
+    let old = clamp_of(&m.base, start.guide_gap, fit);
     m.base = *base;
-    m.clamp = clamp_of(base, gap, fit);
+    m.clamp = clamp_of(base, start.guide_gap, fit);
     let azimuth = azimuth_of(base);
     let middle = m.azimuth + 0.5 * crate::tasks::wrap(azimuth - m.azimuth);
     m.azimuth = azimuth;
-    let depth =
-        (base.translation.vector.z + length - m.rod.shortening(X, Y) + depth_offset).max(1e-6);
+    let shortening = if start.advance_by_tip {
+        0.0
+    } else {
+        m.rod.shortening(X, Y)
+    };
+    let depth = (base.translation.vector.z + length - shortening + depth_offset).max(1e-6);
     let step = (depth - m.path.tip_depth()).max(0.0);
     m.retracted = (m.path.tip_depth() - depth).max(0.0);
-    let tip = tip_state(&m.rod, &old, &m.clamp, constants);
+    let tip = tip_state(m, &old, &m.clamp, constants);
     m.filter.propagate(step, &tip, middle, s);
     m.path
         .extend_to(m.path.tip_depth() + step, &tip_row(&m.filter.position()));

@@ -124,7 +124,11 @@ impl Estimator {
         let slope = out.rod.tip_slope();
         let edge = *out.path.tip();
         let end: Row = core::array::from_fn(|c| edge[c] - self.reach * slope[c]);
-        out.end = planar(&end);
+        // Where the sensor will show it.
+        let lasts = filter
+            .unseen()
+            .map_or(0.0, |unseen| unseen.lasting(out.remaining));
+        out.end = planar(&end) + m.filter.place_bias() * lasts;
         out.miss = goal.coords.xy() - out.end;
         out.pivot = end[PIVOT];
         out.shift = end[SHIFT];

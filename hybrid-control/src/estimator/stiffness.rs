@@ -3,6 +3,7 @@
 use nalgebra::{Point3, SMatrix, SVector, Vector2};
 
 use super::rod::{Rod, RodConstants};
+use super::unseen::Unseen;
 use super::{Moment, X, Y};
 use crate::settings::EstimatorSettings;
 
@@ -26,6 +27,8 @@ pub(super) struct StiffnessFit {
     information: Information,
     right: SVector<f64, 5>,
     value: SVector<f64, 5>,
+    /// Pivot of the base about the entry, from a sensor of the tip alone \[rad\].
+    pivot: Vector2<f64>,
     sigma: f64,
 }
 
@@ -43,6 +46,7 @@ impl StiffnessFit {
             information: Information::zeros(),
             right: SVector::zeros(),
             value: prior,
+            pivot: Vector2::zeros(),
             sigma: s.stiffness_sigma,
         }
     }
@@ -60,6 +64,22 @@ impl StiffnessFit {
     /// Estimated direction error of the base \[rad\].
     pub(super) fn base_tilt(&self) -> Vector2<f64> {
         Vector2::new(self.value[3], self.value[4])
+    }
+
+    /// Estimated pivot of the base about the entry \[rad\].
+    pub(super) const fn base_pivot(&self) -> Vector2<f64> {
+        self.pivot
+    }
+
+    /// Takes over what a sensor of the tip alone has told; changes the bed's stiffness.
+    pub(super) fn adopt(&mut self, constants: &mut RodConstants, told: &Unseen) {
+        let (shift, pivot) = told.support();
+        let (log, sigma) = told.log_stiffness();
+        self.value[0] = (self.prior[0] + log).clamp(BOUNDS.0.ln(), BOUNDS.1.ln());
+        self.value.fixed_rows_mut::<2>(1).copy_from(&shift);
+        self.pivot = pivot;
+        self.sigma = sigma;
+        constants.bed = self.value[0].exp();
     }
 
     /// One step with the shaft's points (insertion frame); changes the bed's stiffness.

@@ -4,6 +4,7 @@
 use nalgebra::Vector2;
 
 use super::filter::{Behaviour, Filter, TipState};
+use super::unseen::{SlopeBy, Unseen};
 use crate::settings::EstimatorSettings;
 
 /// Evidence, as the logarithm of a likelihood ratio, at which a tip counts as free. Measurements
@@ -24,10 +25,15 @@ pub(crate) struct TipFilter {
 }
 
 impl TipFilter {
-    pub(crate) fn new(position: Vector2<f64>, s: &EstimatorSettings) -> Self {
+    pub(crate) fn new(
+        position: Vector2<f64>,
+        s: &EstimatorSettings,
+        unseen: Option<&Unseen>,
+    ) -> Self {
+        let filter = |behaviour| Filter::new(position, behaviour, s, unseen.cloned());
         Self {
-            held: Filter::new(position, Behaviour::Held, s),
-            free: Filter::new(position, Behaviour::Free, s),
+            held: filter(Behaviour::Held),
+            free: filter(Behaviour::Free),
             evidence: 0.0,
             rules: Behaviour::Held,
         }
@@ -43,6 +49,12 @@ impl TipFilter {
 
     pub(crate) fn position(&self) -> Vector2<f64> {
         self.ruling().position()
+    }
+
+    /// Lasting error of the measured place \[m\].
+    pub(crate) fn place_bias(&self) -> Vector2<f64> {
+        let unseen = self.ruling().unseen();
+        unseen.map_or_else(Vector2::zeros, Unseen::place)
     }
 
     /// Puts the tip aside by `by` \[m\], whatever it is held by.
@@ -88,14 +100,9 @@ impl TipFilter {
         };
     }
 
-    pub(crate) fn measure_slope(
-        &mut self,
-        difference: &Vector2<f64>,
-        slope_by_position: f64,
-        sigma: f64,
-    ) {
+    pub(crate) fn measure_slope(&mut self, difference: &Vector2<f64>, by: &SlopeBy, sigma: f64) {
         for filter in [&mut self.held, &mut self.free] {
-            filter.measure_slope(difference, slope_by_position, sigma);
+            filter.measure_slope(difference, by, sigma);
         }
     }
 }
@@ -119,7 +126,7 @@ mod tests {
             cut_noise_deg: 0.02,
             ..EstimatorSettings::default()
         };
-        let mut filter = TipFilter::new(Vector2::zeros(), &s);
+        let mut filter = TipFilter::new(Vector2::zeros(), &s, None);
         let g = Vector2::new(0.024, 0.0);
         let mut c = Vector2::zeros();
         for i in 0..1600 {

@@ -210,6 +210,8 @@ mod tests {
                 bending_stiffness: 2e-2,
                 cutting_edge: 1e-3,
                 guide_gap: None,
+                tip_sensor: None,
+                advance_by_tip: false,
                 entry,
                 world_from_base: start,
             },

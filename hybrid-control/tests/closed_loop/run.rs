@@ -132,6 +132,8 @@ pub(crate) fn insert(case: &Case<'_>) -> Outcome {
         // On the study plant the tip itself cuts.
         cutting_edge: 0.0,
         guide_gap: None,
+        tip_sensor: None,
+        advance_by_tip: false,
         entry,
         world_from_base: base,
     };

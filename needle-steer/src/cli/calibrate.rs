@@ -1,4 +1,4 @@
-//! `calibrate stereo` and `calibrate register`.
+//! `calibrate stereo`, `calibrate register` and `calibrate distortion`.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -11,6 +11,7 @@ use vision::register::{RegistrationFile, read_poses, register};
 
 use super::images::ImageArgs;
 use super::{Usage, boards, calibration, print_json};
+use crate::identify::distortion::{Lie, map_of};
 use crate::stereo::{LENSES, Request, calibrate, output, write};
 
 /// Camera calibration and registration.
@@ -24,6 +25,8 @@ pub(super) enum CalibrateCommand {
     Corners(boards::CornersArgs),
     /// Registration of the cameras to the arm from recorded poses.
     Register(RegisterArgs),
+    /// Map of an electromagnetic field's distortion from a needle in air, its guide at known places.
+    Distortion(DistortionArgs),
 }
 
 #[derive(Debug, Args)]
@@ -74,13 +77,65 @@ pub(super) struct RegisterArgs {
     json: bool,
 }
 
+#[derive(Debug, Args)]
+pub(super) struct DistortionArgs {
+    /// Table: `depth_mm`, `guide_*_mm` (the tip's place at depth 0; along the insertion it may be left out),
+    /// `tip_*_mm`, `axis_*`, and `sd_*_mm`, `samples` if there are, in World.
+    table: PathBuf,
+    /// File for the map (TOML), for `em.map`.
+    #[arg(long)]
+    out: PathBuf,
+    /// The tip truly is where guide and depth say; without, how the needle lies in its guide is not
+    /// known, and the means of place and axis are left as they are.
+    #[arg(long)]
+    exact: bool,
+    /// Print the map as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
 pub(super) fn execute(command: &CalibrateCommand) -> anyhow::Result<ExitCode> {
     match command {
         CalibrateCommand::Stereo(args) => stereo(args),
         CalibrateCommand::Mono(args) => boards::mono(args),
         CalibrateCommand::Corners(args) => boards::corners(args),
         CalibrateCommand::Register(args) => registration(args),
+        CalibrateCommand::Distortion(args) => distortion(args),
     }
+}
+
+fn distortion(args: &DistortionArgs) -> anyhow::Result<ExitCode> {
+    use std::io::Write;
+    let lie = if args.exact { Lie::Exact } else { Lie::Fitted };
+    let map = map_of(&args.table, lie).map_err(|e| Usage(e.to_string()))?;
+    write_all(&[(args.out.clone(), toml::to_string(&map)?)])?;
+    if args.json {
+        print_json(&map)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut stdout = std::io::stdout().lock();
+    writeln!(
+        stdout,
+        "{} places, noise {:.3} mm per axis",
+        map.places, map.noise_mm
+    )?;
+    for (what, unit, smooth) in [
+        ("place", "mm", &map.place_mm),
+        ("axis", "mrad", &map.axis_mrad),
+    ] {
+        writeln!(
+            stdout,
+            "{what}: {:.2} {unit} per axis without the map, {:.2} {unit} with it at places left out of the fit \
+             (degree {} across, {} along)",
+            smooth.before, smooth.left, smooth.degree_across, smooth.degree_along
+        )?;
+    }
+    writeln!(
+        stdout,
+        "written to {}; next: [em] map = \"{0}\"",
+        args.out.display()
+    )?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {

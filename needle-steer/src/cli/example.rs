@@ -22,6 +22,16 @@ pub(super) enum ExampleCommand {
         /// New folder.
         folder: PathBuf,
     },
+    /// A needle in air in a run's electromagnetic field, for `calibrate distortion`.
+    Distortion {
+        /// New folder.
+        folder: PathBuf,
+        /// Configuration of the run; the built-in defaults without.
+        config: Option<PathBuf>,
+        /// Seed of the run: every seed has another field.
+        #[arg(long)]
+        seed: Option<u64>,
+    },
 }
 
 /// Insertions that are recorded.
@@ -31,6 +41,11 @@ pub(super) fn execute(command: &ExampleCommand) -> anyhow::Result<ExitCode> {
     let next = match command {
         ExampleCommand::Images { folder } => images(begun(folder)?)?,
         ExampleCommand::Recordings { folder } => recordings(begun(folder)?)?,
+        ExampleCommand::Distortion {
+            folder,
+            config,
+            seed,
+        } => distortion(folder, config.as_deref(), *seed)?,
     };
     writeln!(std::io::stdout(), "{next}")?;
     Ok(ExitCode::SUCCESS)
@@ -66,6 +81,22 @@ fn images(folder: &Path) -> anyhow::Result<String> {
          needle-steer track --left {name}/film/left_*.png --right {name}/film/right_*.png \
          --calibration {name}/stereo.yml --bevel-mm {bevel_mm:.2} --out {name}/tips.jsonl \
          --overlay {name}/overlay"
+    ))
+}
+
+fn distortion(folder: &Path, file: Option<&Path>, seed: Option<u64>) -> anyhow::Result<String> {
+    let seeds = seed.map(|seed| format!("run.seed={seed}"));
+    let sets: Vec<String> = seeds.into_iter().collect();
+    let config = config::load(file, &sets)?;
+    let table = begun(folder)?.join("in_air.csv");
+    let places = samples::in_air(&config, &table)?;
+    let (name, seed) = (folder.display(), config.run.seed);
+    let run = file.map_or(String::new(), |file| format!(" {}", file.display()));
+    Ok(format!(
+        "{name}/in_air.csv: {places} places in the field of seed {seed}\n\
+         next:\n  \
+         needle-steer calibrate distortion {name}/in_air.csv --exact --out {name}/map.toml\n  \
+         needle-steer run{run} --sensor em --seed {seed} --set em.map={name}/map.toml"
     ))
 }
 

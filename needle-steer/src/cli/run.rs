@@ -21,6 +21,7 @@ use super::way_out::with_way_out;
 use crate::clock::WallTime;
 use crate::config::{self, Config, LARGEST_SEED};
 use crate::controls::Controls;
+use crate::hand::Prompt;
 use crate::host::degrees;
 use crate::outcome::{Ended, Summary};
 use crate::record::{Recorder, write_results};
@@ -262,6 +263,13 @@ impl Watcher {
 impl Observer for Watcher {
     fn start(&mut self, arm: &ArmState) {
         self.record.start(arm);
+    }
+
+    fn prompt(&mut self, prompt: Prompt) {
+        // On a line of its own: the operator reads it, and the bar goes on below.
+        self.progress.suspend(|| {
+            let _ = writeln!(std::io::stderr(), "{prompt}");
+        });
     }
 
     fn inputs(&mut self, arm: &ArmState, shape: Option<&SensedShape>) {

@@ -2,7 +2,10 @@
 
 mod remote;
 
-use super::{Config, FARTHEST_MM, Invalid, LARGEST_SEED, TargetKind};
+use super::{
+    Backend, Config, FARTHEST_MM, InsertionBy, Invalid, LARGEST_SEED, NeedleSupport, SensorKind,
+    TargetKind,
+};
 
 /// The value lies in `low..=high`.
 fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
@@ -45,6 +48,7 @@ impl Config {
     pub fn validate(&self) -> Result<(), Invalid> {
         self.validate_run()?;
         self.validate_needle()?;
+        self.validate_insertion()?;
         self.validate_law()?;
         self.validate_phantom()?;
         self.validate_cameras()?;
@@ -135,6 +139,35 @@ impl Config {
             e.problem = format!("expected a unit vector, found one of length {norm}");
             e
         })
+    }
+
+    fn validate_insertion(&self) -> Result<(), Invalid> {
+        within("insertion.step_mm", self.insertion.step_mm, 0.5, 50.0)?;
+        if self.insertion.by == InsertionBy::Axis || self.is_dry() {
+            return Ok(());
+        }
+        let needs = [
+            (
+                self.needle.support == NeedleSupport::Guide,
+                "a hand pushes the needle through a guide: expected needle.support = \"guide\"",
+            ),
+            (
+                self.run.sensor != SensorKind::Images,
+                "the advance of a hand is measured by a sensor of the tip: expected run.sensor = \"em\" or \
+                 \"shape\"",
+            ),
+            (
+                self.run.backend == Backend::Sim,
+                "insertion by hand is there for backend \"sim\" alone",
+            ),
+        ];
+        match needs.into_iter().find(|(given, _)| !given) {
+            Some((_, problem)) => Err(Invalid {
+                key: "insertion.by".into(),
+                problem: problem.into(),
+            }),
+            None => Ok(()),
+        }
     }
 
     fn validate_law(&self) -> Result<(), Invalid> {

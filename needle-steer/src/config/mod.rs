@@ -3,7 +3,9 @@
 //! The commented defaults are in `default.toml`, which a test holds against [`Config::default`].
 
 mod check;
+mod em;
 mod igtl;
+mod insertion;
 mod live;
 mod load;
 mod needle;
@@ -18,7 +20,9 @@ use hal::guarded::Workspace;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
+pub use em::Em;
 pub use igtl::{Igtl, IgtlCoordinates, IgtlVersion, UnknownVersion};
+pub use insertion::{Insertion, InsertionBy};
 pub use live::Live;
 pub use load::{Base, ConfigError, Origin, assemble, load, parse, quoted};
 pub use needle::{Needle, NeedleSupport};
@@ -51,6 +55,8 @@ pub struct Config {
     pub target: Target,
     /// The needle as the controller knows it.
     pub needle: Needle,
+    /// Who pushes the needle.
+    pub insertion: Insertion,
     /// The tissue as the controller assumes it at the start.
     pub tissue: Tissue,
     /// Bounds beyond which the supervisor stops the arm.
@@ -65,6 +71,8 @@ pub struct Config {
     pub igtl: Igtl,
     /// A tracker over OpenIGTLink, for the sensor `em`.
     pub tracker: Tracker,
+    /// The electromagnetic tip, for the sensor `em`.
+    pub em: Em,
     /// The live view: what is shown, and what is asked.
     pub live: Live,
     /// Limits that every law keeps.

@@ -94,7 +94,7 @@ pub(super) const KNOWN: [Quantity; 26] = [
 impl Quantity {
     /// Whether a recording does without it, so that it may be unknown in single rows.
     pub(super) fn is_optional(self) -> bool {
-        const OPTIONAL: [&str; 7] = [
+        const OPTIONAL: [&str; 11] = [
             "axis_x",
             "axis_y",
             "axis_z",
@@ -102,6 +102,10 @@ impl Quantity {
             "axis_sigma",
             "inserted",
             "roll",
+            "sd_x",
+            "sd_y",
+            "sd_z",
+            "samples",
         ];
         OPTIONAL.contains(&self.name)
     }
@@ -124,6 +128,24 @@ impl Quantity {
     }
 }
 
+/// All columns of a table of a needle in air, its guide at known places.
+pub(super) const IN_AIR: [Quantity; 14] = [
+    quantity("depth", Dimension::Length),
+    quantity("guide_x", Dimension::Length),
+    quantity("guide_y", Dimension::Length),
+    quantity("guide_z", Dimension::Length),
+    quantity("tip_x", Dimension::Length),
+    quantity("tip_y", Dimension::Length),
+    quantity("tip_z", Dimension::Length),
+    quantity("axis_x", Dimension::Ratio),
+    quantity("axis_y", Dimension::Ratio),
+    quantity("axis_z", Dimension::Ratio),
+    quantity("sd_x", Dimension::Length),
+    quantity("sd_y", Dimension::Length),
+    quantity("sd_z", Dimension::Length),
+    quantity("samples", Dimension::Ratio),
+];
+
 /// What a header says: a quantity and the factor of its unit, or a column that is left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Header {
@@ -131,13 +153,13 @@ pub(super) enum Header {
     LeftOut,
 }
 
-/// Understands a column's header; the error says what to write instead.
-pub(super) fn understand(header: &str) -> Result<Header, String> {
+/// Understands a column's header among those that are `known`; the error says what to write instead.
+pub(super) fn understand(header: &str, known: &[Quantity]) -> Result<Header, String> {
     let name = normalised(header);
     if name.is_empty() || header.trim().starts_with('_') {
         return Ok(Header::LeftOut);
     }
-    for quantity in KNOWN {
+    for &quantity in known {
         let units = quantity.dimension.units();
         if units.is_empty() && name == quantity.name {
             return Ok(Header::Known(quantity, 1.0));
@@ -156,7 +178,7 @@ pub(super) fn understand(header: &str) -> Result<Header, String> {
                 return Ok(Header::Known(quantity, *factor));
             }
             // `base_x_inch` is a wrong unit, `axis_sigma_m` another column's name with one.
-            if !KNOWN
+            if !known
                 .iter()
                 .any(|other| other.name.len() > quantity.name.len() && name.starts_with(other.name))
                 && quantity.name != "t"
@@ -168,12 +190,13 @@ pub(super) fn understand(header: &str) -> Result<Header, String> {
             }
         }
     }
-    let near = KNOWN
+    let near = known
         .iter()
         .map(|quantity| quantity.header())
         .map(|known| (strsim::normalized_damerau_levenshtein(&known, &name), known))
         .max_by(|a, b| a.0.total_cmp(&b.0));
-    let hint = match synonym(&name).or(near.filter(|(near, _)| *near > 0.5).map(|(_, k)| k)) {
+    let synonym = synonym(&name).filter(|name| known.iter().any(|q| q.header() == *name));
+    let hint = match synonym.or(near.filter(|(near, _)| *near > 0.5).map(|(_, k)| k)) {
         Some(known) => format!("; did you mean `{known}`?"),
         None => "; docs/LOGS.md lists the columns.".to_owned(),
     };
@@ -232,7 +255,7 @@ mod tests {
     use super::*;
 
     fn known(header: &str) -> (&'static str, f64) {
-        match understand(header) {
+        match understand(header, &KNOWN) {
             Ok(Header::Known(quantity, factor)) => (quantity.name, factor),
             other => panic!("{header}: {other:?}"),
         }
@@ -254,7 +277,7 @@ mod tests {
         assert!((known("roll_deg").1 - 1_f64.to_radians()).abs() < 1e-15);
         assert_eq!(known("base_qw"), ("base_qw", 1.0));
         assert_eq!(known("sigma_um"), ("sigma", 1e-6));
-        assert_eq!(understand("_note"), Ok(Header::LeftOut));
+        assert_eq!(understand("_note", &KNOWN), Ok(Header::LeftOut));
     }
 
     #[test]
@@ -268,7 +291,7 @@ mod tests {
             ("heart_rate", "docs/LOGS.md lists the columns"),
             ("axis_sigma_m", "unknown unit `m`; write `axis_sigma_rad`"),
         ] {
-            let problem = understand(header).unwrap_err();
+            let problem = understand(header, &KNOWN).unwrap_err();
             assert!(problem.contains(expected), "{header}: {problem}");
         }
     }

@@ -359,6 +359,8 @@ fn start(recording: &Recording, needle: &needle_model::Needle) -> Start {
         bending_stiffness: needle.bending_stiffness(),
         cutting_edge: springs::bevel_length(&recording.config),
         guide_gap: None,
+        tip_sensor: None,
+        advance_by_tip: false,
         entry: hybrid_control::view::Entry {
             point: origin + axis * ((surface - origin).dot(&inward) / slope),
             inward,

@@ -8,6 +8,7 @@
 mod bed;
 mod column;
 mod csv;
+pub mod distortion;
 mod findings;
 pub mod fit;
 pub mod guided;

@@ -53,6 +53,7 @@ pub enum TableError {
 #[derive(Clone, Debug)]
 pub(super) struct Table {
     file: PathBuf,
+    known: &'static [Quantity],
     columns: Vec<Column>,
     lines: Vec<usize>,
 }
@@ -72,9 +73,14 @@ enum Cells {
 }
 
 impl Table {
-    /// Reads a table. Unknown columns, cells that are no numbers and columns that say the same
-    /// twice are refused; empty cells are unknown values.
+    /// Reads a table of a recording; see [`Table::read_of`].
     pub(super) fn read(file: &Path) -> Result<Self, TableError> {
+        Self::read_of(file, &column::KNOWN)
+    }
+
+    /// Reads a table of columns that are `known`. Unknown columns, cells that are no numbers and columns that say the same
+    /// twice are refused; empty cells are unknown values.
+    pub(super) fn read_of(file: &Path, known: &'static [Quantity]) -> Result<Self, TableError> {
         if file.is_dir() {
             let kind = FileKind::Folder;
             return Err(TableError::Kind {
@@ -95,16 +101,18 @@ impl Table {
                 });
             }
         }
-        let text = Text::read(&bytes).map_err(|p| value(file, p.line, p.text))?;
+        let text = Text::read(&bytes, known).map_err(|p| value(file, p.line, p.text))?;
         let mut table = Self {
             file: file.to_owned(),
+            known,
             columns: Vec::new(),
             lines: text.rows.iter().map(|row| row.number).collect(),
         };
         let mut decimals = Decimals::of(text.separator);
         for (k, header) in text.header.cells.iter().enumerate() {
             let at_header = |problem| value(file, text.header.number, problem);
-            let Header::Known(quantity, factor) = column::understand(header).map_err(at_header)?
+            let Header::Known(quantity, factor) =
+                column::understand(header, known).map_err(at_header)?
             else {
                 continue;
             };
@@ -143,7 +151,8 @@ impl Table {
 
     /// Refuses a table without the columns named.
     pub(super) fn require(&self, names: &[&str]) -> Result<(), TableError> {
-        let missing: Vec<String> = column::KNOWN
+        let missing: Vec<String> = self
+            .known
             .iter()
             .filter(|quantity| names.contains(&quantity.name) && !self.has(quantity.name))
             .map(|quantity| quantity.header())

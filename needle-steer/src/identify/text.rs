@@ -1,6 +1,6 @@
 //! Tables as programs write them: separators, comments, line ends, byte-order marks, quotes.
 
-use super::column::{self, Header};
+use super::column::{self, Header, Quantity};
 
 /// A row's cells and the line they stand in.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,14 +47,14 @@ const SEPARATORS: [Separator; 5] = [
 ];
 
 impl Text {
-    /// Reads a table.
-    pub(super) fn read(bytes: &[u8]) -> Result<Self, Problem> {
+    /// Reads a table whose columns are among those that are `known`.
+    pub(super) fn read(bytes: &[u8], known: &[Quantity]) -> Result<Self, Problem> {
         let text = decoded(bytes)?;
         let mut chosen = None;
         let mut header = None;
         let mut commented = None;
         let mut rows = Vec::new();
-        let preamble = preamble(&text);
+        let preamble = preamble(&text, known);
         for (k, line) in lines(&text).enumerate() {
             let (number, line) = (k + 1, line.trim());
             if let Some(mark) = line.strip_prefix("sep=") {
@@ -72,13 +72,13 @@ impl Text {
             }
             let failed = |text| Problem { line: number, text };
             let Some((_, separator)) = &header else {
-                let separator = chosen.unwrap_or_else(|| best_separator(line));
+                let separator = chosen.unwrap_or_else(|| best_separator(line, known));
                 let cells = split(line, separator).map_err(failed)?;
                 // numpy.savetxt writes the header as a comment.
                 let numbers = cells.iter().all(|cell| is_number(cell));
                 if let (true, Some((at, comment))) = (numbers, commented) {
                     let names = split(comment, separator).map_err(failed)?;
-                    if names.len() == cells.len() && recognised(&names) > 0 {
+                    if names.len() == cells.len() && recognised(&names, known) > 0 {
                         header = Some((line_of(at, names), separator));
                         rows.push(line_of(number, cells));
                         continue;
@@ -146,10 +146,10 @@ impl Text {
 }
 
 /// Lines before the header, where the first line is none and a later one clearly is.
-fn preamble(text: &str) -> usize {
+fn preamble(text: &str, known: &[Quantity]) -> usize {
     let known = |line: &str| {
-        let cells = split(line.trim(), best_separator(line.trim()));
-        cells.map_or(0, |cells| recognised(&cells))
+        let cells = split(line.trim(), best_separator(line.trim(), known));
+        cells.map_or(0, |cells| recognised(&cells, known))
     };
     let mut first = lines(text).take(PREAMBLE).enumerate();
     let header = first.find(|(_, line)| comment(line.trim()).is_none() && known(line) > 0);
@@ -207,10 +207,10 @@ fn comment(line: &str) -> Option<&str> {
 }
 
 /// The separator that gives most columns that are known, then most columns.
-fn best_separator(header: &str) -> Separator {
+fn best_separator(header: &str, known: &[Quantity]) -> Separator {
     let rated = SEPARATORS.map(|separator| {
         let cells = split(header, separator).unwrap_or_default();
-        (recognised(&cells), cells.len(), separator)
+        (recognised(&cells, known), cells.len(), separator)
     });
     // The first of equals: blanks only where nothing else separates.
     let mut best = rated[0];
@@ -224,10 +224,10 @@ fn best_separator(header: &str) -> Separator {
     best.2
 }
 
-fn recognised(cells: &[String]) -> usize {
+fn recognised(cells: &[String], known: &[Quantity]) -> usize {
     cells
         .iter()
-        .filter(|cell| matches!(column::understand(cell), Ok(Header::Known(..))))
+        .filter(|cell| matches!(column::understand(cell, known), Ok(Header::Known(..))))
         .count()
 }
 
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
 
     fn cells(text: &str) -> Vec<Vec<String>> {
-        let table = Text::read(text.as_bytes()).unwrap();
+        let table = Text::read(text.as_bytes(), &column::KNOWN).unwrap();
         table.rows.into_iter().map(|row| row.cells).collect()
     }
 
@@ -308,12 +308,15 @@ mod tests {
         }
         let bare = "t_s\ttip_x_m\n0\t1.5\n1\t2.5\n".encode_utf16();
         let bare: Vec<u8> = bare.flat_map(u16::to_be_bytes).collect();
-        assert_eq!(Text::read(&bare).unwrap().rows[1].cells, expected[1]);
+        assert_eq!(
+            Text::read(&bare, &column::KNOWN).unwrap().rows[1].cells,
+            expected[1]
+        );
         let utf16: Vec<u8> = "\u{feff}t_s\ttip_x_m\r\n0\t1.5\r\n1\t2.5\r\n"
             .encode_utf16()
             .flat_map(u16::to_le_bytes)
             .collect();
-        let table = Text::read(&utf16).unwrap();
+        let table = Text::read(&utf16, &column::KNOWN).unwrap();
         assert_eq!(table.rows[1].cells, expected[1]);
     }
 
@@ -321,7 +324,7 @@ mod tests {
     fn lines_are_counted_as_editors_count_them() {
         for end in ["\n", "\r\n", "\r"] {
             let text = ["# note", "t_s,tip_x_m", "", "0,1", "1,2"].join(end);
-            let table = Text::read(text.as_bytes()).unwrap();
+            let table = Text::read(text.as_bytes(), &column::KNOWN).unwrap();
             let numbers: Vec<usize> = table.rows.iter().map(|row| row.number).collect();
             assert_eq!((table.header.number, numbers), (2, vec![4, 5]), "{end:?}");
         }
@@ -331,10 +334,10 @@ mod tests {
     fn what_a_program_says_before_the_header_is_passed_over() {
         let header = "t_s,tip_x_m,tip_y_m,tip_z_m";
         let text = format!("Made by LabRecorder, v2\nDate: 2026-01-05\n\n{header}\n0,1,2,3\n");
-        let table = Text::read(text.as_bytes()).unwrap();
+        let table = Text::read(text.as_bytes(), &column::KNOWN).unwrap();
         assert_eq!((table.header.number, table.rows[0].number), (4, 5));
         // Names of which few are known are the header, and are told.
-        let table = Text::read(b"time,tip_x_m\n0,1\n").unwrap();
+        let table = Text::read(b"time,tip_x_m\n0,1\n", &column::KNOWN).unwrap();
         assert_eq!(table.header.cells, ["time", "tip_x_m"]);
     }
 
@@ -364,7 +367,7 @@ mod tests {
                 "separate its cells as those of the header",
             ),
         ] {
-            let problem = Text::read(text.as_bytes()).unwrap_err();
+            let problem = Text::read(text.as_bytes(), &column::KNOWN).unwrap_err();
             assert_eq!(problem.line, line, "{text:?}: {problem:?}");
             assert!(problem.text.contains(expected), "{problem:?}");
         }

@@ -1,12 +1,13 @@
 //! What a run moves, sees and waits with: simulated, or over ROS.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::{Arm, Clock, Transform};
 use nalgebra::Isometry3;
 use phantom::camera::StereoRig;
-use phantom::{Bench, Draw, Plant, bench::Setup};
+use phantom::{Bench, Draw, Hand, Plant, bench::Setup};
 use robots::kinematics::Chain;
 use robots::sim::{SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
@@ -14,6 +15,8 @@ use robots::viper::{self, Emulator, emulator::EmulatorConfig};
 use super::{Eyes, MarkerEyes, RigBuildError};
 use crate::clock::{LockstepClock, PacedClock, WallClock, WallTime};
 use crate::config::{Backend, Config, PlantKind, SensorKind, ViperDialect};
+use crate::distortion::DistortionMap;
+use crate::hand::{ByHand, HandBody};
 use crate::host;
 use crate::remote::igtl::Tracker;
 use crate::ros::Link;
@@ -38,6 +41,10 @@ pub(super) struct Place {
     pub(super) stereo: StereoRig,
     /// World in the stereo frame, as registered.
     pub(super) left_from_world: Transform<LeftCamera, World>,
+    /// Map of an electromagnetic field.
+    pub(super) map: Option<Arc<DistortionMap>>,
+    /// The needle in its guide, where a hand pushes it.
+    pub(super) by_hand: Option<ByHand>,
 }
 
 /// What a run moves, sees and waits with.
@@ -118,6 +125,13 @@ impl Place {
         };
         let tracked = tracked(config, pace.time(), &self.left_from_world)?;
         let tracker = tracked.as_ref().map(|(tracker, _)| tracker.clone());
+        let body = match self.by_hand {
+            Some(by) => {
+                let hand = Hand::new(&settings.hand, config.run.seed);
+                Box::new(HandBody::new(body, by, hand))
+            }
+            None => body,
+        };
         let world = SimulatedWorld::new(
             body,
             self.chain,
@@ -125,6 +139,9 @@ impl Place {
             bench,
             stereo_from_world,
         );
+        if let Some(map) = self.map {
+            world.correct_by(map);
+        }
         let moved = world.clone();
         let advance = move |now| moved.advance_to(now);
         let clock: Box<dyn Clock> = match pace {

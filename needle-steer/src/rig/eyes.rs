@@ -1,11 +1,16 @@
 //! What sees the needle: a sensor of shapes, or cameras.
 
 use core::time::Duration;
+use std::sync::Arc;
 
-use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame};
+use hal::frame::{LeftCamera, World};
+use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform};
+use nalgebra::{Point3, Unit, Vector3};
 
 use super::{Rig, RigBuildError, TICK};
 use crate::controls::Controls;
+use crate::distortion::{Corrected, DistortionMap};
+use crate::hand::{AdvanceByTip, Slide};
 
 /// Longest wait for the first pair of images.
 const FIRST_PAIR: Duration = Duration::from_secs(2);
@@ -77,6 +82,38 @@ impl Eyes {
     /// Where nobody looks at the needle.
     pub fn none() -> Self {
         Self::Shape(Box::new(Nobody))
+    }
+
+    /// The same, less what the field of an electromagnetic tip does by its map.
+    pub(super) fn corrected(
+        self,
+        map: Option<Arc<DistortionMap>>,
+        left_from_world: &Transform<LeftCamera, World>,
+    ) -> Self {
+        match (self, map) {
+            (Self::Shape(sensor), Some(map)) => {
+                Self::Shape(Box::new(Corrected::new(sensor, map, *left_from_world)))
+            }
+            (eyes, _) => eyes,
+        }
+    }
+
+    /// The same, telling how far the needle was pushed by hand.
+    pub(super) fn telling_advance(
+        self,
+        slide: Slide,
+        from: (Point3<f64>, Unit<Vector3<f64>>),
+        left_from_world: &Transform<LeftCamera, World>,
+    ) -> Self {
+        match self {
+            Self::Shape(sensor) => Self::Shape(Box::new(AdvanceByTip::new(
+                sensor,
+                slide,
+                from,
+                *left_from_world,
+            ))),
+            eyes @ Self::Cameras(_) => eyes,
+        }
     }
 
     /// Why nothing is seen, in words, from what knows it.

@@ -16,11 +16,10 @@ use std::time::Duration;
 use hal::frame::{LeftCamera, World};
 use hal::guarded::{Guard, Guarded, Limiter, LimiterError, SpeedCaps};
 use hal::telemetry::Limit;
-use hal::{Arm, ArmMode, Clock, JointLimit, Recorded, Transform};
+use hal::{Arm, ArmMode, Clock, Recorded, Transform};
 use nalgebra::Vector3;
 use phantom::SettingsError;
 use phantom::camera::{CameraSettings, RigError, StereoRig};
-use robots::kinematics::Chain;
 use robots::sim::{SimError, SimulatedArm};
 use robots::viper;
 
@@ -28,7 +27,9 @@ use crate::cameras;
 use crate::clock::WallTime;
 use crate::config::{Backend, Config, SensorKind, TrackerSource};
 use crate::cycle::Bearings;
+use crate::distortion::MapError;
 use crate::guide::{Guide, GuideMisfit};
+use crate::hand::{HandFed, Slide};
 use crate::host::HostError;
 use crate::remote::igtl::{Tracker, TrackerError};
 use crate::ros::Link;
@@ -43,12 +44,11 @@ pub use fit::{Course, Demand, Misfit, check_chain, follow};
 pub use marker::MarkerEyes;
 pub(crate) use start::tool;
 pub use start::{Start, arm_place, assumed_speeds, bearings, chain, check_arm, description, start};
+use start::{by_hand, field, kept};
 pub use suggest::{Place as Suggestion, placed, suggest};
 pub(crate) use tool::PlacedTool;
 use tool::check_start;
 
-/// Distance that guarded joints keep from their limits \[rad\]; of sliding joints by their unit.
-const JOINT_MARGIN: f64 = 8.727e-3;
 /// Longest wait for an arm's first report.
 const CONNECT: Duration = Duration::from_secs(2);
 /// Longest wait for an arm to come to rest.
@@ -192,6 +192,15 @@ pub enum RigBuildError {
         /// What keeps measurements from coming.
         problem: String,
     },
+    /// A hand has nothing to push.
+    #[error(
+        "insertion.by = \"hand\": no joint of the URDF slides along the needle; give it a prismatic one, which \
+         stands for the needle in its guide and is not driven"
+    )]
+    NoSlide,
+    /// The map of an electromagnetic field.
+    #[error("em.map: {0}")]
+    Map(#[from] MapError),
     /// The tracker of the tip.
     #[error("tracker: {0}")]
     Tracker(#[from] TrackerError),
@@ -235,6 +244,8 @@ pub struct Rig {
     pub home: hal::Joints,
     /// What the straight insertion from there leaves the arm.
     pub course: Course,
+    /// The needle in its guide, where a hand pushes it.
+    pub slide: Option<Slide>,
     /// Number of the last command.
     sequence: u64,
 }
@@ -342,7 +353,11 @@ impl Rig {
                 });
             }
         }
+        let (tip_sensor, map) = field(config)?;
+        let by_hand = by_hand(config, &chain, &joints)?;
         let devices = devices(Place {
+            map: map.clone(),
+            by_hand: by_hand.clone(),
             chain: chain.clone(),
             world_from_arm_base,
             start,
@@ -354,15 +369,26 @@ impl Rig {
         let limiter = Limiter::new(&kept(&chain), 0.0, period * 3)?;
         let tool = PlacedTool::new(&chain, world_from_arm_base.isometry());
         let guard = Guard::new(limiter).with_tool(tool, config.workspace(), SpeedCaps::INSERTING);
+        let left_from_world = world_from_left_camera.inverse();
+        let mut eyes = devices.eyes.corrected(map, &left_from_world);
+        let mut arm = devices.arm;
+        if let Some(by) = &by_hand {
+            let tip = start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3);
+            let from = (tip, config.inward());
+            eyes = eyes.telling_advance(by.slide.clone(), from, &left_from_world);
+            arm = Box::new(HandFed::new(arm, by.clone()));
+        }
         let mut rig = Self {
             clock: devices.clock,
-            arm: Recorded::new(Guarded::new(devices.arm, guard)?, EVENTS),
-            eyes: devices.eyes,
+            arm: Recorded::new(Guarded::new(arm, guard)?, EVENTS),
+            eyes,
+            slide: by_hand.map(|by| by.slide),
             bearings: Bearings {
                 chain,
                 world_from_arm_base,
                 world_from_left_camera,
                 cameras: images.then_some(calibrated),
+                tip_sensor,
             },
             marker: devices.marker,
             tracker: devices.tracker,
@@ -452,18 +478,6 @@ impl Rig {
     pub fn left_from_world(&self) -> Transform<LeftCamera, World> {
         self.bearings.world_from_left_camera.inverse()
     }
-}
-
-/// The joints' limits less what guarded ones keep from them.
-fn kept(chain: &Chain) -> Vec<JointLimit> {
-    let joints = chain.limits().iter().zip(chain.kinds());
-    joints
-        .map(|(limit, kind)| JointLimit {
-            lower: limit.lower + JOINT_MARGIN * kind.unit(),
-            upper: limit.upper - JOINT_MARGIN * kind.unit(),
-            ..*limit
-        })
-        .collect()
 }
 
 impl core::fmt::Debug for Rig {

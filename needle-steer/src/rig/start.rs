@@ -1,10 +1,12 @@
 //! Where the arm holds the needle at the start of an insertion.
 
 use core::f64::consts::TAU;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use hal::frame::{ArmBase, LeftCamera, World};
-use hal::{Joints, Transform};
+use hal::{JointLimit, Joints, Transform};
+use hybrid_control::TipSensor;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use robots::arms;
 use robots::kinematics::{Chain, Section, Turns};
@@ -12,9 +14,17 @@ use robots::kinematics::{Chain, Section, Turns};
 use super::RigBuildError;
 use super::device;
 use super::fit::{self, Course, Demand, Misfit};
-use crate::config::Config;
+use crate::config::{Config, InsertionBy, SensorKind};
 use crate::cycle::Bearings;
+use crate::distortion::DistortionMap;
+use crate::hand::ByHand;
 use crate::roll;
+
+/// Distance that guarded joints keep from their limits \[rad\]; of sliding joints by their unit.
+const JOINT_MARGIN: f64 = 8.727e-3;
+
+/// What is known of a sensor of the tip alone, and the map of its field.
+type Field = (Option<TipSensor>, Option<Arc<DistortionMap>>);
 
 /// The arm's chain to the needle's base.
 ///
@@ -117,7 +127,20 @@ pub fn bearings(
         world_from_arm_base: arm_place(config),
         world_from_left_camera,
         cameras: None,
+        tip_sensor: field(config)?.0,
     })
+}
+
+/// What is known of a sensor of the tip alone, and the map of its field, where there are such.
+pub(super) fn field(config: &Config) -> Result<Field, RigBuildError> {
+    if config.run.sensor != SensorKind::Em {
+        return Ok((None, None));
+    }
+    let map = match config.em.map.as_str() {
+        "" => None,
+        file => Some(Arc::new(DistortionMap::read(Path::new(file))?)),
+    };
+    Ok((Some(config.em.tip_sensor(map.as_deref())), map))
 }
 
 /// What does not depend on where the arm stands, with the file that it is about.
@@ -263,4 +286,31 @@ fn merit(chain: &Chain, q: &Joints) -> f64 {
         .and_then(|spin| q.get(spin.joint))
         .map_or(0.0, |q| q.abs());
     chain.dexterity(q, LENGTH) + least - 0.1 * turned
+}
+
+/// The needle in its guide, where the configuration has a hand push it.
+pub(super) fn by_hand(
+    config: &Config,
+    chain: &Chain,
+    joints: &Joints,
+) -> Result<Option<ByHand>, RigBuildError> {
+    if config.insertion.by == InsertionBy::Axis || config.is_dry() {
+        return Ok(None);
+    }
+    match ByHand::new(chain, joints) {
+        Some(by) => Ok(Some(by)),
+        None => Err(RigBuildError::NoSlide),
+    }
+}
+
+/// The joints' limits less what guarded ones keep from them.
+pub(super) fn kept(chain: &Chain) -> Vec<JointLimit> {
+    let joints = chain.limits().iter().zip(chain.kinds());
+    joints
+        .map(|(limit, kind)| JointLimit {
+            lower: limit.lower + JOINT_MARGIN * kind.unit(),
+            upper: limit.upper - JOINT_MARGIN * kind.unit(),
+            ..*limit
+        })
+        .collect()
 }

@@ -13,7 +13,7 @@ use documented::DocumentedFields;
 use serde::{Deserialize, Serialize};
 
 pub use continuum::ContinuumSettings;
-pub use devices::{EmSettings, GuideSettings};
+pub use devices::{EmSettings, GuideSettings, HandSettings};
 pub use preset::PRESETS;
 pub(crate) use preset::merge;
 pub use validate::SettingsError;
@@ -41,6 +41,8 @@ pub struct Settings {
     pub em: EmSettings,
     /// The guide before the tissue.
     pub guide: GuideSettings,
+    /// The hand that pushes the needle where no axis does.
+    pub hand: HandSettings,
     /// Flaws of the robot and of the needle's mounting.
     pub robot: RobotSettings,
     /// What differs from run to run.
@@ -63,6 +65,7 @@ impl Settings {
             "sensor" => SensorSettings::get_field_docs(key),
             "em" => EmSettings::get_field_docs(key),
             "guide" => GuideSettings::get_field_docs(key),
+            "hand" => HandSettings::get_field_docs(key),
             "robot" => RobotSettings::get_field_docs(key),
             "spread" => SpreadSettings::get_field_docs(key),
             "continuum" => ContinuumSettings::get_field_docs(key),

@@ -34,7 +34,7 @@ pub enum SettingsError {
         key: &'static str,
     },
     /// No such preset.
-    #[error("no preset `{name}`; there are ideal, paper, paper-compliant, harsh")]
+    #[error("no preset `{name}`; there are {}", super::PRESETS.join(", "))]
     UnknownPreset {
         /// The name asked for.
         name: String,
@@ -246,6 +246,7 @@ impl Settings {
         within("sensor.bias_mm", s.bias_mm, 0.0, 5.0)?;
         self.em.validate()?;
         within("guide.gap_mm", self.guide.gap_mm, 0.0, 200.0)?;
+        self.hand.validate()?;
         let r = &self.robot;
         within("robot.kinematic_mm", r.kinematic_mm, 0.0, 5.0)?;
         within("robot.kinematic_deg", r.kinematic_deg, 0.0, 5.0)?;

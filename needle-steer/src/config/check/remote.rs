@@ -53,6 +53,10 @@ impl Config {
             300.0,
         )?;
         within("tracker.delay_ms", tracker.delay_ms, 0.0, 500.0)?;
+        let em = &self.em;
+        within("em.bias_mm", em.bias_mm, 0.0, 10.0)?;
+        within("em.axis_bias_mrad", em.axis_bias_mrad, 0.0, 300.0)?;
+        within("em.bias_length_mm", em.bias_length_mm, 1.0, 1000.0)?;
         let refused = |key: &str, problem: &str| {
             Err(Invalid {
                 key: key.to_owned(),
