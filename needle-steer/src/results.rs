@@ -146,9 +146,9 @@ pub(crate) fn check_free(file: &Path) -> Result<(), ResultsError> {
 
 fn taken(file: &Path) -> ResultsError {
     ResultsError(format!(
-        "{} holds the results of another run ({}): nothing is written over; name another folder",
-        file.parent().unwrap_or(file).display(),
-        file.file_name().unwrap_or_default().to_string_lossy()
+        "{}: is there already, of an earlier command, and nothing is written over; name another \
+         folder or file",
+        file.display()
     ))
 }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use hal::telemetry::Telemetry;
-use hal::{Arm, ArmState, RateCommand, SensedMarker, SensedShape, StereoFrame};
+use hal::{Arm, ArmMode, ArmState, RateCommand, SensedMarker, SensedShape, StereoFrame};
 use hybrid_control::LAW_NAMES;
 use indicatif::{ProgressBar, ProgressStyle};
 use phantom::settings::PRESETS;
@@ -26,10 +26,11 @@ use crate::host::degrees;
 use crate::outcome::{Ended, Summary};
 use crate::record::{Recorder, write_results};
 use crate::results::RunFolder;
-use crate::rig::{self, Pace, Rig, RigBuildError};
+use crate::rig::{self, NotAtStart, Pace, Rig, RigBuildError};
 use crate::ros::{self, Link};
 use crate::run::{Insertion, Observer};
 use crate::session::{self, Leave, Session};
+use crate::supervisor::StopReason;
 
 /// What a dry run does.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -138,6 +139,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         let joints = degrees(&rig.arm.state()?.positions);
         let margins = super::check::margins(&config, &rig.bearings.chain, &rig.course);
         writeln!(std::io::stderr(), "joints {joints} deg\narm: {margins}")?;
+        if let Some(elsewhere) = elsewhere(&config, &mut rig)? {
+            writeln!(std::io::stderr(), "{elsewhere}")?;
+            return Ok(ExitCode::SUCCESS);
+        }
     }
     let mut session = Session::open(&config, link.as_ref(), &rig, &controls)?;
     if let Some(session) = &mut session {
@@ -199,6 +204,34 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     } else {
         ExitCode::from(1)
     })
+}
+
+/// What keeps a real arm from the insertion that a dry run previews: a fault, or another place than the
+/// start.
+fn elsewhere(config: &Config, rig: &mut Rig) -> Result<Option<String>, hal::Error> {
+    if !config.is_real() {
+        return Ok(None);
+    }
+    let state = rig.arm.state()?;
+    let mut words = Vec::new();
+    if let ArmMode::Faulted(fault) = state.mode {
+        let words_of_arm = rig.arm.explanation();
+        words.push(
+            StopReason::ArmFault {
+                fault,
+                words: words_of_arm,
+            }
+            .to_string(),
+        );
+    }
+    let chain = &rig.bearings.chain;
+    if let Err(away) = NotAtStart::check(chain, &state.positions, &rig.home) {
+        words.push(format!(
+            "{away}. The target is judged from there: `needle-steer check` and a dry run at the start say \
+             whether it can be reached"
+        ));
+    }
+    Ok((!words.is_empty()).then(|| words.join("\n")))
 }
 
 /// Somebody who holds a switch or watches does so on the wall clock: a simulated world keeps step
@@ -338,6 +371,14 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
     writeln!(out, "{}", summary.ended)?;
     if summary.ended == Ended::DryRun {
         return Ok(());
+    }
+    if summary.ended == Ended::TargetPassed {
+        let hit = if summary.hit { "yes" } else { "no" };
+        writeln!(
+            out,
+            "  hit             {hit}: within {} mm by measurement is one",
+            summary.goal_mm
+        )?;
     }
     writeln!(out, "  true error      {}", mm(summary.true_error_mm))?;
     if let Some(error) = summary.true_error_less_bias_mm {

@@ -19,7 +19,7 @@ use vision::track::{Context, FrameError, Tracked};
 use super::images::ImageArgs;
 use super::{Usage, print_json};
 use crate::tracked::Line;
-use input::{Tracker, picture, prepare, refused};
+use input::{Tracker, out_of_order, picture, prepare, refused};
 
 #[derive(Debug, Args)]
 pub(super) struct TrackArgs {
@@ -97,6 +97,13 @@ pub(super) fn execute(args: &TrackArgs) -> anyhow::Result<ExitCode> {
         return Err(Usage(text.to_owned()).into());
     }
     let mut tracker = prepare(args)?;
+    if out_of_order(&args.left) || out_of_order(&args.right) {
+        writeln!(
+            std::io::stderr(),
+            "the images come in the order of the alphabet (1, 10, 2), not of their numbers: if that is not \
+             the order of time, `ls -v` gives it"
+        )?;
+    }
     if let Some(folder) = &args.overlay {
         let pictures = (0..args.left.len()).map(|frame| picture(folder, frame));
         if let Some(there) = pictures.into_iter().find(|path| path.exists()) {

@@ -40,6 +40,17 @@ pub(super) fn prepare(args: &TrackArgs) -> Result<Tracker, Usage> {
     }
 }
 
+/// Whether files come as a shell sorts them, 1, 10, 2, where their numbers go another way: a film out of
+/// order.
+pub(super) fn out_of_order(files: &[PathBuf]) -> bool {
+    let numbers = |file: &PathBuf| -> Vec<u64> {
+        let name = file.to_string_lossy().into_owned();
+        let runs = name.split(|c: char| !c.is_ascii_digit());
+        runs.filter_map(|digits| digits.parse().ok()).collect()
+    };
+    files.is_sorted() && !files.is_sorted_by_key(numbers)
+}
+
 fn two_cameras(args: &TrackArgs, needle: Appearance, hints: Hints) -> Result<Tracker, Usage> {
     let left_size = same_size(&args.left).map_err(refused)?;
     let right_size = same_size(&args.right).map_err(refused)?;
@@ -206,4 +217,21 @@ fn clicks(option: &str, text: &str, size: (usize, usize)) -> Result<[DistortedPx
 /// The pictures of a folder, one a frame.
 pub(super) fn picture(folder: &Path, frame: usize) -> PathBuf {
     folder.join(format!("frame-{frame:06}.png"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shells_order_of_numbers_is_noticed() {
+        let named = |numbers: &[&str]| -> Vec<PathBuf> {
+            let name = |n: &&str| PathBuf::from(format!("film_2/left_{n}.png"));
+            numbers.iter().map(name).collect()
+        };
+        assert!(out_of_order(&named(&["1", "10", "2"])));
+        assert!(!out_of_order(&named(&["1", "2", "10"])));
+        assert!(!out_of_order(&named(&["01", "02", "10"])));
+        assert!(!out_of_order(&named(&["a", "b"])));
+    }
 }
