@@ -40,6 +40,12 @@ def test_the_checker_passes(actions):
     check_env(make(actions=actions).unwrapped, skip_render_check=True)
 
 
+@pytest.mark.parametrize("actions", ["twist", "pivot", "bevel"])
+def test_the_checker_of_stable_baselines3_passes(actions):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(make(actions=actions).unwrapped)
+
+
 def episode(env, seed=None):
     seen, truth = env.reset(seed=seed)
     rows, done = [seen], False
