@@ -85,6 +85,62 @@ def test_a_lost_worker_costs_only_its_runs(here):
         assert ns.campaign(PLAN, executor, progress=Meter).table == here.table
 
 
+def grandchildren(name):
+    """Processes of that name whose parent's parent is this one."""
+
+    def parent(pid):
+        with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+            return int(file.read().rpartition(")")[2].split()[1])
+
+    found = []
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{pid}/cmdline", encoding="utf-8") as file:
+                is_named = file.read().startswith(name)
+            if is_named and parent(parent(pid)) == os.getpid():
+                found.append(int(pid))
+        except (OSError, ValueError):
+            continue  # it has ended
+    return found
+
+
+def test_a_campaign_on_ray_survives_a_worker(tmp_path):
+    ray = pytest.importorskip("ray")
+    plan = {**PLAN, "seeds": {"first": 41, "count": 100}}
+    killed = []
+
+    class Meter:
+        """Half-way it kills a worker at work."""
+
+        def __init__(self, total, unit):
+            self.left = total
+            self.half = total // 2
+
+        def update(self, n):
+            self.left -= n
+            if self.left <= self.half and not killed:
+                killed.extend(grandchildren("ray::_one")[:1])
+                for worker in killed:
+                    os.kill(worker, signal.SIGKILL)
+
+        def close(self):
+            assert self.left == 0
+
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, configure_logging=False)
+    try:
+        table = ns.campaign(plan, "ray", progress=Meter).table
+    finally:
+        ray.shutdown()
+    assert len(killed) == 1 and table.count("\n") == 201
+    if not CLI:
+        assert table == ns.campaign(plan).table
+        return
+    file = tmp_path / "campaign.toml"
+    file.write_text(ns._core.campaign_plan(plan)[0])
+    subprocess.run([CLI, "campaign", file, "--out", tmp_path / "out"], check=True)
+    assert (tmp_path / "out" / "results.csv").read_text() == table
+
+
 def test_plans_that_are_none_are_named(tmp_path):
     with pytest.raises(ns.InputError, match="laws"):
         ns.campaign({**PLAN, "laws": []})
