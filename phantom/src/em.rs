@@ -30,11 +30,11 @@ struct Wave {
 
 /// What the field does to measurements, by place in World.
 #[derive(Clone, Debug)]
-pub struct Distortion(Vec<Wave>);
+pub(crate) struct Distortion(Vec<Wave>);
 
 impl Distortion {
     /// The distortion of run `seed`.
-    pub fn new(settings: &EmSettings, seed: u64) -> Self {
+    pub(crate) fn new(settings: &EmSettings, seed: u64) -> Self {
         let mut rng = stream(seed, Purpose::Distortion);
         let scale = (2.0 / WAVES as f64).sqrt();
         let place = settings.distortion_mm * 1e-3 * scale;
@@ -56,12 +56,12 @@ impl Distortion {
     }
 
     /// Error of a measured place at `place` (World) \[m\].
-    pub fn of_place(&self, place: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn of_place(&self, place: &Vector3<f64>) -> Vector3<f64> {
         self.sum(place, |wave| wave.place)
     }
 
     /// Error of a measured axis at `place` (World) \[rad\].
-    pub fn of_axis(&self, place: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn of_axis(&self, place: &Vector3<f64>) -> Vector3<f64> {
         self.sum(place, |wave| wave.axis)
     }
 
