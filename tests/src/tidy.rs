@@ -100,7 +100,10 @@ fn every_library_has_a_front_door() {
         };
         let readme = read("README.md");
         let lines = readme.lines().count();
-        assert!(lines <= README_LINES, "{member}/README.md has {lines} lines");
+        assert!(
+            lines <= README_LINES,
+            "{member}/README.md has {lines} lines"
+        );
         assert!(readme.contains("```rust"), "{member}/README.md: no example");
         assert!(
             read("src/lib.rs").contains(r#"#[doc = include_str!("../README.md")]"#),
@@ -116,7 +119,10 @@ fn every_library_has_a_front_door() {
             .collect();
         assert!(!run.is_empty(), "{member}: no example is run");
         for name in run {
-            assert!(readme.contains(name), "{member}/README.md: {name} is not named");
+            assert!(
+                readme.contains(name),
+                "{member}/README.md: {name} is not named"
+            );
             let example = read(&format!("examples/{name}.rs"));
             assert!(example.contains("#[test]"), "{member}: {name} is not run");
         }
