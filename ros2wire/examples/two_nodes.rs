@@ -24,9 +24,11 @@ fn cdr(text: &str) -> Outcome<Vec<u8>> {
     Ok(bytes)
 }
 
+/// The text up to its zero byte: DDS may fill up what follows.
 fn text(payload: &[u8]) -> String {
-    let end = payload.len().saturating_sub(1);
-    String::from_utf8_lossy(payload.get(4..end).unwrap_or_default()).into_owned()
+    let text = payload.get(4..).unwrap_or_default();
+    let end = text.iter().position(|byte| *byte == 0);
+    String::from_utf8_lossy(&text[..end.unwrap_or(text.len())]).into_owned()
 }
 
 fn join(node: &str) -> Outcome<Participant> {

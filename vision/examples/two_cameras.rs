@@ -116,22 +116,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let image = picture(view, &origin)?;
         corners.push(detect_board(&image, BOARD, &RefineOptions::default())?.corners);
     }
-    let mut worst: f64 = 0.0;
+    let (mut worst, mut far): (f64, f64) = (0.0, 0.0);
     for (k, (column, row)) in BOARD.indices().enumerate() {
         let pixels = [DistortedPx(corners[0][k]), DistortedPx(corners[1][k])];
-        let seen = triangulate(&views, &pixels, &covariances)?
-            .position
-            .coords();
+        let seen = triangulate(&views, &pixels, &covariances)?;
         let drawn = origin.coords + Vector3::new(column as f64, row as f64, 0.0) * SQUARE;
-        worst = worst.max((seen - drawn).norm());
+        let off = seen.position.coords() - drawn;
+        let inverse = seen.covariance.try_inverse().ok_or("no covariance")?;
+        worst = worst.max(off.norm());
+        far = far.max(off.dot(&(inverse * off)).sqrt());
     }
     println!(
         "board:  {} corners, the worst {:.3} mm from where it was drawn",
         BOARD.count(),
         worst * 1e3
     );
-    // A few hundredths of a pixel.
-    assert!(worst < 0.2e-3, "{worst}");
+    println!("        that is {far:.1} sigma for {PIXEL_SIGMA} px");
+    // Half a millimetre of depth is a tenth of a pixel for cameras 80 mm apart.
+    assert!(far < 4.0, "{far} sigma");
     Ok(())
 }
 
