@@ -1,9 +1,17 @@
 //! Vocabulary of the needle-steering system and the contracts of its devices.
 //!
-//! Everything that crosses a seam between crates is defined here: [time], [frames](frame),
-//! [twists](twist), [joints], [images](image), [sensed needle shapes](shape) and [markers](marker), the
-//! [`Arm`] and sensor traits, the decorators that guard and record an arm, the
-//! [`Telemetry`] snapshot and the [`Error`] of devices.
+//! A controller that is to run on a simulator today and on an arm tomorrow needs words that both
+//! understand. Everything that crosses a seam between crates is defined here. In reading order:
+//!
+//! * What is measured: [`Stamp`] (time is data), [`Transform`] and [`Position`] between named frames,
+//!   [`Twist`], [`Joints`], [`GrayImage`], [`SensedShape`], [`SensedMarker`].
+//! * Devices: [`Arm`] with its contract, [`ShapeSensor`], [`StereoCamera`], [`MarkerSensor`]; what goes
+//!   wrong with them is an [`Error`].
+//! * What stands before an arm: [`Guard`], limits that downstream code cannot violate, of which
+//!   [`Limiter`] is the part for joints; [`Guarded`], any arm behind a guard; [`Recorded`], an arm whose
+//!   traffic is kept.
+//! * What a run shows and takes: [`Telemetry`], one snapshot a step; [`request`], what may be asked of it;
+//!   [`Overlay`], what is drawn over an image.
 //!
 //! **Architecture invariant:** this crate does no I/O, reads no clock and starts no thread.
 #![cfg_attr(
@@ -39,3 +47,8 @@ pub use shape::{SensedPoint, SensedShape, SensedTip, ShapeSensor};
 pub use telemetry::Telemetry;
 pub use time::{Clock, Stamp};
 pub use twist::Twist;
+
+/// The example of the README, as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,10 +1,16 @@
 //! Steering laws: tasks, priorities, duty cycling, prediction, estimation.
 //!
-//! Read [`view`] first: what a law sees and what it answers. The paper's section III follows
-//! equation by equation in [`tasks`], [`priority`] and [`duty_cycle`]; beyond the paper are the
-//! [`bevel`] modulator, the [`levels`] with inequality constraints and the [`estimator`] with
-//! its predictive model. [`freedom`] is what a device can do. [`motion`] takes moving tissue out of all of them. [`laws`] puts them
-//! together; [`reach`] says when it is over.
+//! A needle that is pushed goes where its bevel, its base and the tissue let it. A law says how to move
+//! the base, thirty times a second, so that the tip comes to the target. In reading order:
+//!
+//! * The seam: [`View`], all that a law sees; [`Decision`], what it answers; [`Law`], the contract. The
+//!   laws that ship are had by [`law_by_name`]; one of your own is kept within limits by [`guarded`].
+//! * The paper's section III, equation by equation: [`tasks`], [`priority`], [`duty_cycle`].
+//! * Beyond the paper: the [`bevel`] modulator, [`levels`] of tasks with inequality constraints and their
+//!   solver [`qp`], and the [`Estimator`], which filters the tip and predicts its path.
+//! * The world around it: [`Freedom`], what a device can do; [`motion`], which takes moving tissue out of
+//!   all of the above; [`ReachMonitor`], which says when a target is out of reach.
+//! * Numbers: [`LawSettings`], [`EstimatorSettings`], [`Limits`].
 //!
 //! Everything is in World unless a name says otherwise; SI units.
 //!
@@ -42,6 +48,11 @@ pub use reach::{
 pub use settings::{EstimatorSettings, LawSettings, Limits, MotionSettings};
 pub use view::{Decision, Entry, Law, RollTravel, Springs, Target, Tip, View};
 pub use workspace::inside_workspace;
+
+/// The example of the README, as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
 
 /// Property tests that draw the same cases in every run.
 #[cfg(test)]

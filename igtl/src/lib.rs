@@ -1,5 +1,6 @@
 //! OpenIGTLink: messages of image-guided therapy as bytes and back, without any I/O.
 //!
+//! Trackers, imaging and robots of an operating room speak it, mostly by 3D Slicer and PLUS.
 //! Written from the protocol's published description (<https://github.com/openigtlink/OpenIGTLink>,
 //! Documents/Protocol); checked against `pyigtl` and against Debian's reference library.
 //!
@@ -48,3 +49,8 @@ pub use header::{HEADER, Header};
 pub use message::{Extension, Message, MetaValue};
 pub use reader::Reader;
 pub use stamp::Timestamp;
+
+/// The example of the README, as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

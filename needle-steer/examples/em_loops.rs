@@ -44,8 +44,7 @@ const THROUGH_A_GUIDE: [&str; 12] = [
 
 fn device(name: &str, more: &[String]) -> Result<Config, Box<dyn Error>> {
     let (urdf, settings): (_, &[&str]) = match name {
-        "guide" => ("guide", &THROUGH_A_GUIDE),
-        "hand" => ("guide", &THROUGH_A_GUIDE),
+        "guide" | "hand" => ("guide", &THROUGH_A_GUIDE),
         "stage" => ("stage", &[]),
         other => return Err(format!("{other}: expected guide, hand or stage").into()),
     };

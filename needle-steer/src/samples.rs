@@ -88,7 +88,7 @@ pub fn in_air(config: &Config, file: &Path) -> anyhow::Result<usize> {
     }
     let settings = config.phantom_settings()?.em;
     let tips = places.iter().map(|(.., tip)| tip);
-    let seen = phantom::em::in_air(&settings, config.run.seed, tips, &inward, IN_AIR_SAMPLES);
+    let seen = phantom::in_air(&settings, config.run.seed, tips, &inward, IN_AIR_SAMPLES);
     let mut text = String::from(
         "depth_mm,guide_x_mm,guide_y_mm,guide_z_mm,tip_x_mm,tip_y_mm,tip_z_mm,axis_x,axis_y,axis_z,\
          sd_x_mm,sd_y_mm,sd_z_mm,samples\n",

@@ -30,11 +30,11 @@ struct Wave {
 
 /// What the field does to measurements, by place in World.
 #[derive(Clone, Debug)]
-pub struct Distortion(Vec<Wave>);
+pub(crate) struct Distortion(Vec<Wave>);
 
 impl Distortion {
     /// The distortion of run `seed`.
-    pub fn new(settings: &EmSettings, seed: u64) -> Self {
+    pub(crate) fn new(settings: &EmSettings, seed: u64) -> Self {
         let mut rng = stream(seed, Purpose::Distortion);
         let scale = (2.0 / WAVES as f64).sqrt();
         let place = settings.distortion_mm * 1e-3 * scale;
@@ -56,12 +56,12 @@ impl Distortion {
     }
 
     /// Error of a measured place at `place` (World) \[m\].
-    pub fn of_place(&self, place: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn of_place(&self, place: &Vector3<f64>) -> Vector3<f64> {
         self.sum(place, |wave| wave.place)
     }
 
     /// Error of a measured axis at `place` (World) \[rad\].
-    pub fn of_axis(&self, place: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn of_axis(&self, place: &Vector3<f64>) -> Vector3<f64> {
         self.sum(place, |wave| wave.axis)
     }
 
@@ -179,12 +179,11 @@ pub fn in_air<'a>(
             .iter()
             .map(|(tip, _)| (tip - mean).map(|x| x * x))
             .sum();
-        let of = |pick: &dyn Fn(&(Vector3<f64>, Unit<Vector3<f64>>)) -> f64| {
-            middle(seen.iter().map(pick).collect())
-        };
+        let tip = |i: usize| middle(seen.iter().map(|(tip, _)| tip[i]).collect());
+        let axis = |i: usize| middle(seen.iter().map(|(_, axis)| axis[i]).collect());
         InAir {
-            tip: Vector3::from_fn(|i, _| of(&|(tip, _)| tip[i])),
-            axis: Unit::new_normalize(Vector3::from_fn(|i, _| of(&|(_, axis)| axis[i]))),
+            tip: Vector3::from_fn(|i, _| tip(i)),
+            axis: Unit::new_normalize(Vector3::from_fn(|i, _| axis(i))),
             deviation: square.map(|x| (x / (count - 1.0).max(1.0)).sqrt()),
         }
     };

@@ -30,7 +30,7 @@ pub struct SensedMarker {
 /// A sensor of a marker's place, with the rate, noise, bias, latency and drops of the fast sensor
 /// in random streams of its own.
 #[derive(Clone, Debug)]
-pub struct MarkerSensor {
+pub(crate) struct MarkerSensor {
     settings: SensorSettings,
     left_from_world: Transform<LeftCamera, World>,
     noise: ChaCha8Rng,
@@ -41,7 +41,7 @@ pub struct MarkerSensor {
 
 impl MarkerSensor {
     /// The sensor of run `seed`; it reports in the stereo frame at `left_from_world`.
-    pub fn new(
+    pub(crate) fn new(
         settings: &SensorSettings,
         left_from_world: &Transform<LeftCamera, World>,
         seed: u64,
@@ -58,7 +58,7 @@ impl MarkerSensor {
     }
 
     /// Looks at the marker, in truth at `world` \[m\], in the exposure `sequence` at `stamp`.
-    pub fn expose(&mut self, world: &Vector3<f64>, stamp: Stamp, sequence: u64) {
+    pub(crate) fn expose(&mut self, world: &Vector3<f64>, stamp: Stamp, sequence: u64) {
         if uniform(&mut self.drops) < self.settings.drop_fraction {
             return;
         }
@@ -76,7 +76,7 @@ impl MarkerSensor {
     }
 
     /// The newest measurement delivered by `now` and not yet returned.
-    pub fn poll(&mut self, now: Stamp) -> Option<SensedMarker> {
+    pub(crate) fn poll(&mut self, now: Stamp) -> Option<SensedMarker> {
         let mut newest = None;
         while self.in_flight.front().is_some_and(|(due, _)| *due <= now) {
             newest = self.in_flight.pop_front().map(|(_, sensed)| sensed);

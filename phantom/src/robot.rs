@@ -19,7 +19,7 @@ struct Wave {
 
 /// Robot and mounting of one run: turns nominal base poses into true ones.
 #[derive(Clone, Debug)]
-pub struct Robot {
+pub(crate) struct Robot {
     /// Tilt about the nominal tip at the start, in World.
     tilt: Isometry3<f64>,
     waves: [Wave; 6],
@@ -35,7 +35,7 @@ pub struct Robot {
 
 impl Robot {
     /// The robot of run `seed`, with the needle's nominal base at `world_from_base` at the start.
-    pub fn new(
+    pub(crate) fn new(
         settings: &Settings,
         draw: &Draw,
         world_from_base: &Transform<World, NeedleBase>,
@@ -84,7 +84,7 @@ impl Robot {
     }
 
     /// Lets the servos follow the nominal pose, which moves steadily to `nominal` in `seconds`.
-    pub fn follow(&mut self, nominal: &Transform<World, NeedleBase>, seconds: f64) {
+    pub(crate) fn follow(&mut self, nominal: &Transform<World, NeedleBase>, seconds: f64) {
         let target = *nominal.isometry();
         let before = core::mem::replace(&mut self.nominal, target);
         if self.lag <= 0.0 || seconds <= 0.0 {
@@ -107,7 +107,7 @@ impl Robot {
     }
 
     /// Lets the holder yield to what it exerts on the needle (World, about the base).
-    pub fn yield_to(&mut self, wrench: &Wrench) {
+    pub(crate) fn yield_to(&mut self, wrench: &Wrench) {
         let (linear, angular) = self.compliance;
         if linear <= 0.0 && angular <= 0.0 {
             return;
@@ -121,7 +121,7 @@ impl Robot {
     }
 
     /// The true pose of the needle's base.
-    pub fn true_pose(&self) -> Transform<World, NeedleBase> {
+    pub(crate) fn true_pose(&self) -> Transform<World, NeedleBase> {
         let tilted = self.tilt * self.lagged;
         let position = tilted.translation.vector;
         let (linear, angular) = self.kinematic;

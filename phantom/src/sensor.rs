@@ -15,7 +15,7 @@ use crate::view::NeedleView;
 
 /// A sensor of needle shapes over the truth.
 #[derive(Clone, Debug)]
-pub struct FastSensor {
+pub(crate) struct FastSensor {
     settings: SensorSettings,
     left_from_world: Transform<LeftCamera, World>,
     noise: ChaCha8Rng,
@@ -29,7 +29,7 @@ pub struct FastSensor {
 
 impl FastSensor {
     /// The sensor of run `seed`; it reports in the stereo frame at `left_from_world`.
-    pub fn new(
+    pub(crate) fn new(
         settings: &SensorSettings,
         left_from_world: &Transform<LeftCamera, World>,
         seed: u64,
@@ -48,7 +48,7 @@ impl FastSensor {
     }
 
     /// The electromagnetic sensor of run `seed`: a coil in the tip, which shows no shaft.
-    pub fn em(
+    pub(crate) fn em(
         settings: &EmSettings,
         left_from_world: &Transform<LeftCamera, World>,
         seed: u64,
@@ -67,22 +67,22 @@ impl FastSensor {
 
     /// What a distorted field adds to a tip measured at `place`, World \[m\]; nothing where there is
     /// no such field.
-    pub fn bias_at(&self, place: &Vector3<f64>) -> Option<Vector3<f64>> {
+    pub(crate) fn bias_at(&self, place: &Vector3<f64>) -> Option<Vector3<f64>> {
         Some(self.coil.as_ref()?.distortion().of_place(place))
     }
 
     /// When the next exposure is due: 0, 1, 2 ... over the rate.
-    pub fn next_exposure(&self) -> Stamp {
+    pub(crate) fn next_exposure(&self) -> Stamp {
         Stamp::from_secs(self.sequence as f64 / self.settings.rate_hz)
     }
 
     /// Number of the next exposure.
-    pub fn sequence(&self) -> u64 {
+    pub(crate) fn sequence(&self) -> u64 {
         self.sequence
     }
 
     /// Looks at the needle at the next exposure, unless that one is dropped.
-    pub fn expose(&mut self, needle: &NeedleView) {
+    pub(crate) fn expose(&mut self, needle: &NeedleView) {
         let stamp = self.next_exposure();
         let sequence = self.sequence;
         self.sequence += 1;
@@ -98,7 +98,7 @@ impl FastSensor {
     }
 
     /// The newest shape delivered by `now` and not yet returned.
-    pub fn poll(&mut self, now: Stamp) -> Option<SensedShape> {
+    pub(crate) fn poll(&mut self, now: Stamp) -> Option<SensedShape> {
         let mut newest = None;
         while self.in_flight.front().is_some_and(|(due, _)| *due <= now) {
             newest = self.in_flight.pop_front().map(|(_, shape)| shape);

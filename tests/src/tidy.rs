@@ -83,3 +83,48 @@ fn property_tests_draw_the_same_cases_in_every_run() {
     }
     assert!(blocks > 10, "only {blocks} blocks found");
 }
+
+/// Crates that are of use without the application.
+const LIBRARIES: usize = 9;
+/// Lines of a README that are still read.
+const README_LINES: usize = 45;
+
+/// The examples of READMEs are doctests, and every library has an example that `cargo test` runs.
+#[test]
+fn every_library_has_a_front_door() {
+    let root = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    for member in &MEMBERS[..LIBRARIES] {
+        let read = |file: &str| {
+            let path = root.join(member).join(file);
+            std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+        };
+        let readme = read("README.md");
+        let lines = readme.lines().count();
+        assert!(
+            lines <= README_LINES,
+            "{member}/README.md has {lines} lines"
+        );
+        assert!(readme.contains("```rust"), "{member}/README.md: no example");
+        assert!(
+            read("src/lib.rs").contains(r#"#[doc = include_str!("../README.md")]"#),
+            "{member}: the example of its README is no doctest"
+        );
+        let manifest: toml::Table = read("Cargo.toml").parse().unwrap();
+        let run: Vec<&str> = manifest["example"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|example| example.get("test").and_then(toml::Value::as_bool) == Some(true))
+            .map(|example| example["name"].as_str().unwrap())
+            .collect();
+        assert!(!run.is_empty(), "{member}: no example is run");
+        for name in run {
+            assert!(
+                readme.contains(name),
+                "{member}/README.md: {name} is not named"
+            );
+            let example = read(&format!("examples/{name}.rs"));
+            assert!(example.contains("#[test]"), "{member}: {name} is not run");
+        }
+    }
+}

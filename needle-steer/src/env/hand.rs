@@ -5,7 +5,7 @@ use core::time::Duration;
 use hal::frame::{NeedleBase, World};
 use hal::{SensedShape, ShapeSensor, Stamp, Transform, Twist};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
-use phantom::{Bench, Draw, Truth, bench::Setup};
+use phantom::{Bench, Draw, Setup, Truth};
 
 use crate::config::{Config, PlantKind};
 

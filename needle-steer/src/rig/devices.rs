@@ -7,7 +7,7 @@ use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::{Arm, Clock, Transform};
 use nalgebra::Isometry3;
 use phantom::camera::StereoRig;
-use phantom::{Bench, Draw, Hand, Plant, bench::Setup};
+use phantom::{Bench, Draw, Hand, Plant, Setup};
 use robots::kinematics::Chain;
 use robots::sim::{SimSettings, SimulatedArm};
 use robots::viper::{self, Emulator, emulator::EmulatorConfig};
