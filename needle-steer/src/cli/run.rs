@@ -373,11 +373,15 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
         return Ok(());
     }
     if summary.ended == Ended::TargetPassed {
-        let hit = if summary.hit { "yes" } else { "no" };
+        let (hit, side) = if summary.hit {
+            ("yes", "within")
+        } else {
+            ("no", "beyond")
+        };
+        let goal = summary.goal_mm;
         writeln!(
             out,
-            "  hit             {hit}: within {} mm by measurement is one",
-            summary.goal_mm
+            "  hit             {hit} (measured error {side} {goal} mm)"
         )?;
     }
     writeln!(out, "  true error      {}", mm(summary.true_error_mm))?;
