@@ -31,7 +31,7 @@ pub enum InsertionError {
     #[error("the measured tip is not finite")]
     MeasuredTip,
     /// The tip starts inside the tissue.
-    #[error("the needle must start outside the tissue: its tip is {depth_m} m deep")]
+    #[error("the needle must start outside the tissue: its tip is {:.2} mm deep", depth_m * 1e3)]
     StartsInside {
         /// Depth of the tip \[m\].
         depth_m: f64,

@@ -2,6 +2,7 @@
 //! out of the plan.
 
 use std::path::Path;
+use std::time::Duration;
 
 use hal::telemetry::Telemetry;
 use hybrid_control::Unreachable;
@@ -15,6 +16,7 @@ use needle_steer::rig::{self, Misfit, Rig, RigBuildError};
 use needle_steer::run::{Observer, RunError, run, simulate};
 use needle_steer::samples;
 use needle_steer::springs::bevel_length;
+use needle_steer::withdrawal::{BasePath, Lead, Refusal, make_ready};
 
 /// The device of that name in `robots/urdf`, where the configuration puts its base.
 fn unplaced(device: &str, more: &[&str]) -> Config {
@@ -298,6 +300,13 @@ fn a_hand_pushes_in_steps_and_the_guide_steers() {
     );
     // What the hand did is what was measured: its steps are not what was asked for.
     let told = rig.slide.as_ref().unwrap().advance();
+    // No joint drew it in, so none draws it out.
+    let patience = Duration::from_secs(1);
+    let mut path = BasePath::default();
+    assert_eq!(
+        make_ready(&mut rig, &mut path, Lead::WENT_ON, patience),
+        Err(Refusal::ByHand)
+    );
     // The path ends at the edge, a bevel's length ahead of O.
     let cut = rig.world.as_ref().unwrap().report().path_length;
     let truth = cut - bevel_length(&config);

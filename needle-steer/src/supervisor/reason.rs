@@ -104,7 +104,8 @@ pub enum StopReason {
     },
     /// Estimate and measurement disagree about where the tip is.
     #[error(
-        "the estimated tip has passed the target, the measured one is {ahead_m:.4} m in front of it"
+        "the estimated tip has passed the target, the measured one is {:.1} mm in front of it",
+        ahead_m * 1e3
     )]
     Disagreement {
         /// Target ahead of the measured tip \[m\].
@@ -126,7 +127,7 @@ pub enum StopReason {
         by_m: f64,
     },
     /// Tissue stretched too far.
-    #[error("tissue stretched by {value_m:.4} m, bound {bound_m:.4} m")]
+    #[error("tissue stretched by {:.2} mm, bound {:.2} mm", value_m * 1e3, bound_m * 1e3)]
     TissueStretch {
         /// The model's largest stretch \[m\].
         value_m: f64,
@@ -154,7 +155,11 @@ pub enum StopReason {
         bound_n: f64,
     },
     /// The needle's base left the workspace.
-    #[error("needle base {distance_m:.4} m from the nominal axis, bound {bound_m:.4} m")]
+    #[error(
+        "needle base {:.1} mm from the nominal axis, bound {:.1} mm",
+        distance_m * 1e3,
+        bound_m * 1e3
+    )]
     Workspace {
         /// Distance of the base from the axis \[m\].
         distance_m: f64,
@@ -162,7 +167,11 @@ pub enum StopReason {
         bound_m: f64,
     },
     /// The needle's base swings, whatever it was sent.
-    #[error("needle base moves across its axis at {speed_m_s:.4} m/s, bound {bound_m_s:.4} m/s")]
+    #[error(
+        "needle base moves across its axis at {:.1} mm/s, bound {:.1} mm/s",
+        speed_m_s * 1e3,
+        bound_m_s * 1e3
+    )]
     BaseSpeed {
         /// Its speed by the encoders \[m/s\].
         speed_m_s: f64,

@@ -67,13 +67,16 @@ impl<'a> Request<'a> {
 /// enables it, and finds its base on the path. Nothing moves.
 ///
 /// # Errors
-/// The arm does not get ready within `patience`, or stands elsewhere.
+/// The arm does not get ready within `patience`, or stands elsewhere; a hand pushed the needle.
 pub fn make_ready(
     rig: &mut Rig,
     path: &mut BasePath,
     lead: Lead,
     patience: Duration,
 ) -> Result<Place, Refusal> {
+    if rig.slide.is_some() {
+        return Err(Refusal::ByHand);
+    }
     if path.is_empty() {
         return Err(Refusal::NoPath);
     }

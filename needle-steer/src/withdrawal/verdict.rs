@@ -68,6 +68,12 @@ pub enum Refusal {
     /// No path was recorded.
     #[error("no path of the base is recorded")]
     NoPath,
+    /// A hand pushed the needle; no joint can draw it back.
+    #[error(
+        "a hand pushed this needle (insertion.by = \"hand\"), no joint did: draw it out by hand along \
+         its guide; the device stands still"
+    )]
+    ByHand,
 }
 
 /// Why a withdrawal was stopped. Its bounds are its own: no measurement of the needle counts.
