@@ -1,8 +1,8 @@
 //! Insertion by hand: what is asked of the hand, and how far it has pushed by the sensor of the tip.
 //!
 //! The joint that slides along the needle stands for the needle in its guide: nothing drives it, its
-//! position is measured ([`HandFed`]). The run asks for a step when the guide has moved, and to hold while
-//! it moves ([`Prompter`]).
+//! position is measured (`HandFed`). The run asks for a step when the guide has moved, and to hold while
+//! it moves (`Prompter`).
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
