@@ -56,7 +56,7 @@ fn a_run_ends_with_a_verdict_and_writes_its_results() {
     let before = std::fs::read(out.join("run.mcap")).unwrap();
     let refused = needle_steer(&["run", "--out", out.to_str().unwrap()]);
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
-    assert!(stderr(&refused).contains("another run"));
+    assert!(stderr(&refused).contains("nothing is written over"));
     assert_eq!(before, std::fs::read(out.join("run.mcap")).unwrap());
 }
 

@@ -321,7 +321,9 @@ mod tests {
         let filter = estimator.measured.filter.ruling();
         let unseen = filter.unseen().unwrap();
         let (_, pivot) = unseen.support();
-        assert!((pivot.x - ASKEW).abs() < 1.5e-3, "{pivot}");
+        // Neighbouring axes share their errors: against half a degree of the base they count for more
+        // than half.
+        assert!((0.5 * ASKEW..ASKEW).contains(&pivot.x), "{pivot}");
         // 0.6 mm of the field against 0.2 mm of the base, a priori.
         let place = unseen.place().x;
         assert!((0.35e-3..0.5e-3).contains(&place), "{place}");

@@ -185,10 +185,11 @@ fn commands_of_the_other_pages_run() {
         }
         for command in commands(&text) {
             let first = command.split_whitespace().next().unwrap_or_default();
-            // Devices that wait for a peer, pictures and logs that are not here.
+            // Devices that wait for a peer, pictures, maps and logs that are not here.
             let elsewhere = ["emulate", "calibrate", "track", "ros", "relay"].contains(&first)
                 || command.contains(" ros")
                 || command.contains(".mcap")
+                || command.contains("em.map=")
                 // Served until somebody stops it, or measured by another program; `tests/remote` does.
                 || ["--live", "--igtl", "--tracker"].iter().any(|way| command.contains(way))
                 || command.contains('>');
