@@ -12,7 +12,7 @@ use crate::support::{Dice, finite};
 /// Key, lowest, highest.
 type Range = (&'static str, f64, f64);
 
-const RANGES: [Range; 80] = [
+const RANGES: [Range; 84] = [
     ("needle.length_mm", 20.0, 400.0),
     ("needle.outer_diameter_mm", 0.2, 3.0),
     ("needle.inner_diameter_mm", 0.0, 2.99),
@@ -68,6 +68,10 @@ const RANGES: [Range; 80] = [
     ("em.stated_mrad", 0.0, 300.0),
     ("em.setback_mm", 0.0, 30.0),
     ("guide.gap_mm", 0.0, 200.0),
+    ("hand.speed_mm_s", 0.1, 50.0),
+    ("hand.step_error", 0.0, 1.0),
+    ("hand.pause_s", 0.0, 60.0),
+    ("hand.reaction_s", 0.0, 5.0),
     ("sensor.rate_hz", 1.0, 1000.0),
     ("sensor.latency_ms", 0.0, 1000.0),
     ("sensor.drop_fraction", 0.0, 0.95),
