@@ -9,10 +9,9 @@ use std::collections::BTreeMap;
 use std::error::Error;
 use std::io::Write as _;
 use std::path::Path;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use needle_steer::config::{self, Config};
+use needle_steer::experiments::in_parallel;
 use needle_steer::identify::distortion::{Lie, map_of};
 use needle_steer::outcome::{Ended, Summary};
 use needle_steer::rig;
@@ -106,29 +105,14 @@ fn run(
     last: u64,
     maps: Option<&Path>,
 ) -> Result<Vec<Summary>, Box<dyn Error>> {
-    let next = AtomicU64::new(first);
-    let runs = Mutex::new(BTreeMap::new());
+    let seeds: Vec<u64> = (first..=last).collect();
     let cores = std::thread::available_parallelism()?.get();
-    std::thread::scope(|scope| {
-        for _ in 0..cores {
-            scope.spawn(|| {
-                loop {
-                    let seed = next.fetch_add(1, Ordering::Relaxed);
-                    if seed > last {
-                        break;
-                    }
-                    let mut config = config.clone();
-                    config.run.seed = seed;
-                    let summary = insert(&config, maps).map_err(|error| error.to_string());
-                    if let Ok(mut runs) = runs.lock() {
-                        runs.insert(seed, summary);
-                    }
-                }
-            });
-        }
+    let runs = in_parallel(&seeds, cores, |&seed| {
+        let mut config = config.clone();
+        config.run.seed = seed;
+        insert(&config, maps).map_err(|error| error.to_string())
     });
-    let runs = runs.into_inner().map_err(|error| error.to_string())?;
-    Ok(runs.into_values().collect::<Result<_, String>>()?)
+    Ok(runs.into_iter().collect::<Result<_, String>>()?)
 }
 
 fn report(title: &str, runs: &[Summary]) -> Result<(), Box<dyn Error>> {

@@ -7,13 +7,13 @@ mod publish;
 
 use hal::frame::{NeedleBase, World};
 use hal::{Stamp, Transform};
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::draw::Draw;
 use crate::medium::Contact;
 use crate::motion::Placement;
 use crate::path::CutPath;
-use crate::plant::Plant;
+use crate::plant::{Plant, between};
 use crate::resistance::Resistance;
 use crate::rod::{Rod, Section};
 use crate::settings::{Settings, SettingsError, is_pose, placed};
@@ -243,14 +243,6 @@ impl RodPlant {
         self.aim(&before.1, &bevel_before, advance);
         advance
     }
-}
-
-/// The pose after `share` of the straight screw between two.
-fn between(from: &Isometry3<f64>, to: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
-    let screw = (from.rotation.inverse() * to.rotation).scaled_axis();
-    let place = from.translation.vector.lerp(&to.translation.vector, share);
-    let turned = from.rotation * UnitQuaternion::from_scaled_axis(screw * share);
-    Isometry3::from_parts(place.into(), turned)
 }
 
 impl Plant for RodPlant {

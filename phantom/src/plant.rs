@@ -2,7 +2,7 @@
 
 use hal::frame::{NeedleBase, World};
 use hal::{Stamp, Transform};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::truth::Truth;
 
@@ -35,4 +35,12 @@ pub trait Plant: Send {
     fn rest_of(&self, place: &Vector3<f64>) -> Vector3<f64> {
         *place
     }
+}
+
+/// The pose after `share` of the straight screw between two.
+pub(crate) fn between(from: &Isometry3<f64>, to: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
+    let screw = (from.rotation.inverse() * to.rotation).scaled_axis();
+    let place = from.translation.vector.lerp(&to.translation.vector, share);
+    let turned = from.rotation * UnitQuaternion::from_scaled_axis(screw * share);
+    Isometry3::from_parts(place.into(), turned)
 }

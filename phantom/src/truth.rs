@@ -86,6 +86,18 @@ pub struct Truth {
 }
 
 impl Truth {
+    /// Notes an event; one of a kind per `advance`, the first.
+    pub(crate) fn note(&mut self, event: Event) {
+        let kind = core::mem::discriminant(&event);
+        if !self
+            .events
+            .iter()
+            .any(|e| core::mem::discriminant(e) == kind)
+        {
+            self.events.push(event);
+        }
+    }
+
     /// The straight, free needle at `world_from_base`.
     pub fn straight(
         world_from_base: &Transform<World, NeedleBase>,

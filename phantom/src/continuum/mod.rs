@@ -22,11 +22,11 @@ mod tip;
 
 use hal::frame::{NeedleBase, World};
 use hal::{Stamp, Transform};
-use nalgebra::{DMatrix, Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Isometry3, Point3, Vector3};
 
 use crate::draw::{Draw, Fields};
 use crate::motion::Placement;
-use crate::plant::Plant;
+use crate::plant::{Plant, between};
 use crate::settings::{Settings, SettingsError, is_pose, placed};
 use crate::truth::{Event, Truth};
 use beam::{Beam, STEEPEST};
@@ -192,10 +192,7 @@ impl ContinuumPlant {
     }
 
     fn report(&mut self, event: Event) {
-        let same = |e: &Event| core::mem::discriminant(e) == core::mem::discriminant(&event);
-        if !self.truth.events.iter().any(same) {
-            self.truth.events.push(event);
-        }
+        self.truth.note(event);
     }
 }
 
@@ -203,14 +200,6 @@ impl ContinuumPlant {
 fn points_inward(pose: &Isometry3<f64>) -> bool {
     let axis = pose.rotation * Vector3::z();
     axis.z > 0.0 && axis.xy().norm() < STEEPEST
-}
-
-/// The pose after `share` of the straight screw between two.
-fn between(from: &Isometry3<f64>, to: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
-    let screw = (from.rotation.inverse() * to.rotation).scaled_axis();
-    let place = from.translation.vector.lerp(&to.translation.vector, share);
-    let turned = from.rotation * UnitQuaternion::from_scaled_axis(screw * share);
-    Isometry3::from_parts(place.into(), turned)
 }
 
 impl Plant for ContinuumPlant {

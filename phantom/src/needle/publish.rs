@@ -18,15 +18,7 @@ fn frame(z: Vector3<f64>, x: Vector3<f64>) -> UnitQuaternion<f64> {
 impl RodPlant {
     /// Notes an event; one of a kind per `advance`, the first.
     pub(super) fn report(&mut self, event: Event) {
-        let kind = core::mem::discriminant(&event);
-        if !self
-            .truth
-            .events
-            .iter()
-            .any(|e| core::mem::discriminant(e) == kind)
-        {
-            self.truth.events.push(event);
-        }
+        self.truth.note(event);
     }
 
     fn check_yield(&mut self) {
