@@ -16,7 +16,7 @@ pub(super) const RED: &str = "#d55e00";
 pub(super) const GREY: &str = "#7f7f7f";
 
 /// Smaller errors are drawn as this one \[mm\]: a logarithm has no zero, and no sensor sees less.
-const LEAST_ERROR_MM: f64 = 1e-3;
+pub(super) const LEAST_ERROR_MM: f64 = 1e-3;
 
 /// Points of a curve, about; more cannot be seen.
 const POINTS: usize = 1500;
