@@ -205,7 +205,10 @@ fn calibration() -> String {
 
 #[test]
 fn negative_numbers_are_values_and_mirrors_are_no_poses() {
-    refused(&["run", "--seed", "-1"], &["-1 is not in 0..="]);
+    refused(
+        &["run", "--seed", "-1"],
+        &["expected a whole number from 0 to"],
+    );
     refused(
         &[
             "calibrate",

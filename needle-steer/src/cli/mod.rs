@@ -148,6 +148,15 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
     options.mut_subcommands(with_negative_numbers)
 }
 
+/// A seed of a command line.
+fn seed(text: &str) -> Result<u64, String> {
+    let number = text
+        .parse()
+        .ok()
+        .filter(|seed| *seed <= config::LARGEST_SEED);
+    number.ok_or_else(|| format!("expected a whole number from 0 to {}", config::LARGEST_SEED))
+}
+
 /// Arguments or input files that cannot be used: exit code 2.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]

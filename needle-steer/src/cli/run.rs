@@ -19,7 +19,7 @@ use super::print_json;
 use super::served::Served;
 use super::way_out::with_way_out;
 use crate::clock::WallTime;
-use crate::config::{self, Config, LARGEST_SEED};
+use crate::config::{self, Config};
 use crate::controls::Controls;
 use crate::hand::Prompt;
 use crate::host::degrees;
@@ -63,7 +63,7 @@ pub(super) struct RunArgs {
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(PRESETS))]
     phantom: Option<String>,
     /// Seed of everything random [default: run.seed, 1].
-    #[arg(long, value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
+    #[arg(long, value_parser = super::seed)]
     seed: Option<u64>,
     /// Check everything, move nothing; with =air, move the arm in air, the controller's own model
     /// in the place of needle and tissue.

@@ -155,7 +155,7 @@ impl Config {
     fn validate_length(&self, settings: &Settings) -> Result<(), Invalid> {
         let (simulated, told) = (settings.needle.length_mm, self.needle.length_mm);
         let stands_for_it = self.is_simulated() && self.run.plant != PlantKind::Springs;
-        if !stands_for_it || self.is_dry() || (simulated - told).abs() <= SLACK * 1e3 {
+        if !stands_for_it || self.run.dry_run_air || (simulated - told).abs() <= SLACK * 1e3 {
             return Ok(());
         }
         if self.apart().any(|(key, _)| key == "length_mm") {
