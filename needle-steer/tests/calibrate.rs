@@ -277,8 +277,8 @@ fn circles_calibrate_cameras_and_boards_are_named_by_kind() {
             images[side].push(path.to_str().unwrap().to_owned());
         }
     }
-    let out = at.join("out");
     let run = |command: &str, board: &str| {
+        let out = at.join(board.replace(':', "-"));
         let mut arguments = vec![command, "--board", board, "--json"];
         if command != "corners" {
             arguments.extend(["--square-mm", "15", "--out", out.to_str().unwrap()]);

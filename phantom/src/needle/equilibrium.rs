@@ -102,10 +102,6 @@ impl RodPlant {
             if let Some(last) = self.fixed.last_mut() {
                 *last -= direction * force;
             }
-            // What is cut resists, it does not push back: where the shaft gives way the force goes.
-            if let Some(room) = self.resistance.backward.last_mut() {
-                *room += force;
-            }
         }
     }
 
