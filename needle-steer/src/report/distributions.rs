@@ -49,7 +49,7 @@ pub(super) fn campaign(folder: &Path) -> Result<Page, ReportError> {
     cells(&mut page, &found.cells);
     if !found.pairs.is_empty() {
         page.heading(&format!(
-            "Paired against `{}`, seed by seed",
+            "Paired against the law {}, seed by seed",
             plan.reference
         ));
         page.grid(
@@ -75,7 +75,11 @@ pub(super) fn campaign(folder: &Path) -> Result<Page, ReportError> {
                         range(p.interval_mm),
                         p.better.to_string(),
                         p.worse.to_string(),
-                        format!("{:.1e}", p.p_value),
+                        if p.p_value < 1e-3 {
+                            format!("{:.0e}", p.p_value)
+                        } else {
+                            format!("{:.3}", p.p_value)
+                        },
                     ]
                 })
                 .collect::<Vec<_>>(),
