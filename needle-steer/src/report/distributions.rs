@@ -9,7 +9,7 @@ use plotly::layout::{Axis, AxisType, Shape, ShapeLine, ShapeType};
 use plotly::{BoxPlot, Plot, Scatter};
 use serde::Deserialize;
 
-use super::charts::{BLUE, GREEN, GREY, LEAST_ERROR_MM, ORANGE, RED, layout};
+use super::charts::{BLUE, COLOURS, GREY, LEAST_ERROR_MM, RED, layout};
 use super::{Page, ReportError};
 use crate::campaign::compare::conclude;
 use crate::campaign::ledger::collect;
@@ -176,10 +176,7 @@ fn boxes(plan: &Plan, rows: &[Row], title: &str, value: impl Fn(&Row) -> Option<
         values.push(value);
     }
     let mut plot = Plot::new();
-    for ((law, (places, values)), colour) in laws
-        .into_iter()
-        .zip([BLUE, ORANGE, GREEN, RED, GREY].iter().cycle())
-    {
+    for ((law, (places, values)), colour) in laws.into_iter().zip(COLOURS.iter().cycle()) {
         plot.add_trace(
             BoxPlot::new_xy(places, values)
                 .name(law)
