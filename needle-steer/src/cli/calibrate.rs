@@ -240,9 +240,12 @@ fn registration(args: &RegisterArgs) -> anyhow::Result<ExitCode> {
     };
     if !stated {
         let assumed = if covariance.is_some() {
-            "that of an ordinary one is assumed (12 pairs of a board, corners to 0.3 px)"
+            format!(
+                "that of an ordinary one is assumed (12 pairs of a board, corners to {} px: pixel_sigma_px of the poses)",
+                options.pixel_sigma_px
+            )
         } else {
-            "the predicted target error leaves it out, and is too small"
+            "the predicted target error leaves it out, and is too small".to_owned()
         };
         writeln!(
             std::io::stderr(),

@@ -80,8 +80,8 @@ pub fn register(
     })
 }
 
-/// Covariance of an ordinary calibration of `rig` by boards where the poses' targets were seen, for
-/// [`register`] where the calibration's own is not known.
+/// Covariance of an ordinary calibration of `rig` by boards where the poses' targets were seen, their
+/// corners as exact as the poses' pixels, for [`register`] where the calibration's own is not known.
 ///
 /// # Errors
 /// As [`register`], where the poses cannot be measured.
@@ -98,7 +98,7 @@ pub fn assumed_calibration(
         .map(|m| m.left_from_target.translation.vector)
         .sum();
     let centre = Point3::from(sum / seen.len().max(1) as f64);
-    Ok(assumed_covariance(rig, &centre))
+    Ok(assumed_covariance(rig, &centre, options.pixel_sigma_px))
 }
 
 fn check(

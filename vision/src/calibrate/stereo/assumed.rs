@@ -12,8 +12,6 @@ use crate::camera::{Camera, StereoRig};
 
 /// Pairs of a board: the least that docs/CALIBRATION.md asks for.
 const VIEWS: u32 = 12;
-/// Deviation of a corner, per axis \[px\]: the upper end of what a good calibration has.
-const CORNER_SIGMA_PX: f64 = 0.3;
 /// Points of the board along a row and a column.
 const BOARD: (u32, u32) = (9, 6);
 /// Length of its rows over the width of what the narrower camera sees \[1\].
@@ -32,8 +30,12 @@ const HUBER_PX: f64 = 1.0;
 /// Covariance of the parameters of `rig`, in the order of
 /// [`StereoCalibration::covariance`](super::StereoCalibration::covariance), if it came from
 /// an ordinary session: 12 pairs of a chessboard about `centre` (left camera's frame), tilted by 15 to 30 degrees,
-/// corners to 0.3 px. Nothing where such boards could not be seen.
-pub fn assumed_covariance(rig: &StereoRig, centre: &Point3<f64>) -> Option<DMatrix<f64>> {
+/// corners to `corner_sigma_px` per axis. Nothing where such boards could not be seen.
+pub fn assumed_covariance(
+    rig: &StereoRig,
+    centre: &Point3<f64>,
+    corner_sigma_px: f64,
+) -> Option<DMatrix<f64>> {
     let distance = centre.coords.norm();
     let seen = |camera: &Camera| camera.width as f64 / camera.fx;
     let width = distance * seen(&rig.left).min(seen(&rig.right));
@@ -71,7 +73,7 @@ pub fn assumed_covariance(rig: &StereoRig, centre: &Point3<f64>) -> Option<DMatr
     for block in joint.linearise()?.0 {
         information += reduced(&block)?.0;
     }
-    let covariance = inverse(&information)? * (CORNER_SIGMA_PX * CORNER_SIGMA_PX);
+    let covariance = inverse(&information)? * (corner_sigma_px * corner_sigma_px);
     let used = used_parameters(rig);
     Some(DMatrix::from_fn(used.len(), used.len(), |i, j| {
         covariance[(used[i], used[j])]
