@@ -154,12 +154,15 @@ fn cells(page: &mut Page, cells: &[Cell]) {
     );
 }
 
+/// Places along the axis, and the value at each.
+type Column = (Vec<String>, Vec<f64>);
+
 /// One box for each law, in the campaign's order, side by side at each phantom and target.
 fn boxes(plan: &Plan, rows: &[Row], title: &str, value: impl Fn(&Row) -> Option<f64>) -> Plot {
-    let mut laws: Vec<(&str, (Vec<String>, Vec<f64>))> = plan
+    let mut laws: Vec<(&str, Column)> = plan
         .laws
         .iter()
-        .map(|law| (law.as_str(), <(Vec<String>, Vec<f64>)>::default()))
+        .map(|law| (law.as_str(), Column::default()))
         .collect();
     let phantoms: std::collections::BTreeSet<&str> =
         rows.iter().map(|row| row.phantom.as_str()).collect();
