@@ -24,6 +24,7 @@ pub mod aim;
 pub mod controls;
 pub mod rig;
 pub mod guide;
+pub mod strut;
 pub mod hand;
 pub mod host;
 pub mod world;

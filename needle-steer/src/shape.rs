@@ -47,8 +47,15 @@ struct SpringEntry {
 /// The place in the text and what is wrong there, or why there is no equilibrium.
 pub fn solve(text: &str) -> Result<CaseShape, ShapeError> {
     let reader = &mut serde_json::Deserializer::from_str(text);
-    let case: CaseFile = serde_path_to_error::deserialize(&mut *reader)
-        .map_err(|e| ShapeError(format!("{}: {}", e.path(), e.inner())))?;
+    let case: CaseFile = serde_path_to_error::deserialize(&mut *reader).map_err(|e| {
+        let (place, problem) = (e.path().to_string(), e.inner());
+        // At the top there is no key to name.
+        if place == "." {
+            ShapeError(format!("not the JSON of a case: {problem}"))
+        } else {
+            ShapeError(format!("{place}: {problem}"))
+        }
+    })?;
     reader
         .end()
         .map_err(|e| ShapeError(format!("after the case: {e}")))?;

@@ -17,6 +17,8 @@ use vision::files::{
 };
 use vision::report::calibration_report;
 
+use crate::config::in_other_unit;
+
 /// Names of the lens models.
 pub const LENSES: [&str; 4] = ["plumb_bob", "radtan", "rational_polynomial", "equidistant"];
 
@@ -52,12 +54,7 @@ pub fn calibrate(request: &Request) -> Result<StereoCalibration, StereoError> {
         .board
         .parse()
         .map_err(|e| StereoError(format!("--board {e}")))?;
-    let square_mm = request.square_mm;
-    if !(square_mm.is_finite() && square_mm > 0.0) {
-        return Err(StereoError(format!(
-            "--square-mm {square_mm}: expected a number above 0"
-        )));
-    }
+    let square_mm = check_square(request.square_mm)?;
     if !LENSES.contains(&request.lens.as_str()) {
         let known = LENSES.join(", ");
         let found = &request.lens;
@@ -108,6 +105,21 @@ pub fn calibrate(request: &Request) -> Result<StereoCalibration, StereoError> {
         ..StereoOptions::default()
     };
     calibrate_stereo(&board, &pairs, sizes, rejected, &options).map_err(|e| wrong(&e))
+}
+
+/// The side of a square as it was given, where it is one \[mm\].
+///
+/// # Errors
+/// No board has such squares.
+pub(crate) fn check_square(square_mm: f64) -> Result<f64, StereoError> {
+    let (least, most) = vision::calibrate::SQUARES_MM;
+    if (least..=most).contains(&square_mm) {
+        return Ok(square_mm);
+    }
+    Err(StereoError(format!(
+        "--square-mm {square_mm}: expected millimetres from {least} to {most}{}",
+        in_other_unit(square_mm, least, most)
+    )))
 }
 
 /// The lens model of a name of [`LENSES`].
@@ -171,27 +183,44 @@ fn corners(
     Ok([find(0)?, find(1)?])
 }
 
+/// Names of the files that [`write`] may write.
+const FILES: [&str; 5] = [
+    "report.html",
+    "left.yaml",
+    "right.yaml",
+    "stereo.yml",
+    "camchain.yaml",
+];
+
+/// Refuses a folder with files of an earlier calibration, before a new one is made.
+///
+/// # Errors
+/// One is there.
+pub(crate) fn check_free(out: &Path) -> Result<(), crate::results::ResultsError> {
+    FILES
+        .iter()
+        .try_for_each(|name| crate::results::check_free(&out.join(name)))
+}
+
 /// Writes report and calibration files to the folder `out`, made if missing.
 ///
 /// # Errors
-/// The system refused.
+/// One of them is there already, and nothing is written over; or the system refused.
 pub fn write(out: &Path, calibration: &StereoCalibration) -> anyhow::Result<()> {
+    check_free(out)?;
     let report = calibration_report(calibration)?;
     let [left, right] = camera_info(&calibration.rig);
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    let mut files = vec![
-        (out.join("report.html"), report),
-        (out.join("left.yaml"), left.to_yaml()),
-        (out.join("right.yaml"), right.to_yaml()),
-        (
-            out.join("stereo.yml"),
-            stereo_yml(&StereoFile::from(calibration)),
-        ),
+    let texts = [
+        Some(report),
+        Some(left.to_yaml()),
+        Some(right.to_yaml()),
+        Some(stereo_yml(&StereoFile::from(calibration))),
+        camchain(&calibration.rig),
     ];
-    if let Some(text) = camchain(&calibration.rig) {
-        files.push((out.join("camchain.yaml"), text));
-    }
-    write_all(&files)?;
+    let files = FILES.iter().zip(texts);
+    let files = files.filter_map(|(name, text)| Some((out.join(name), text?)));
+    write_all(&files.collect::<Vec<_>>())?;
     Ok(())
 }
 

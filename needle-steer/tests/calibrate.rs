@@ -155,7 +155,7 @@ fn stereo_finds_made_up_cameras_and_refuses_by_name() {
         }
     }
     let out = at.join("out");
-    let run = |left: &[String], right: &[String], board: &str, square: &str| {
+    let run_to = |out: &Path, left: &[String], right: &[String], board: &str, square: &str| {
         let mut arguments = vec!["stereo", "--board", board, "--square-mm", square, "--json"];
         arguments.extend(["--out", out.to_str().unwrap(), "--left"]);
         arguments.extend(left.iter().map(String::as_str));
@@ -164,7 +164,7 @@ fn stereo_finds_made_up_cameras_and_refuses_by_name() {
         calibrate(&arguments)
     };
     let (left, right) = (&images[0], &images[1]);
-    let done = run(&left[..5], &right[..5], "9x6", "20");
+    let done = run_to(&out, &left[..5], &right[..5], "9x6", "20");
     assert!(
         done.status.success(),
         "{}",
@@ -180,11 +180,30 @@ fn stereo_finds_made_up_cameras_and_refuses_by_name() {
 
     kalibrs_lens(&at, &left[..5], &right[..5]);
 
-    // From here on everything is refused: what stands in the folder must stay.
+    // What an earlier calibration wrote stays as it is, whichever of its files are left.
     let files = ["report.html", "left.yaml", "right.yaml", "stereo.yml"];
     for file in files {
         std::fs::write(out.join(file), "kept").unwrap();
     }
+    refused(
+        &run_to(&out, &left[..5], &right[..5], "9x6", "20"),
+        "nothing is written over",
+    );
+    std::fs::remove_file(out.join("report.html")).unwrap();
+    refused(
+        &run_to(&out, &left[..5], &right[..5], "9x6", "20"),
+        "left.yaml",
+    );
+    for file in &files[1..] {
+        assert_eq!(std::fs::read_to_string(out.join(file)).unwrap(), "kept");
+    }
+    assert!(!out.join("report.html").exists());
+
+    // From here on everything is refused, and nothing is left of it.
+    let out = at.join("fresh");
+    let run = |left: &[String], right: &[String], board: &str, square: &str| {
+        run_to(&out, left, right, board, square)
+    };
     let replaced = |k: usize, by: String| {
         let mut list = left[..5].to_vec();
         list[k] = by;
@@ -226,9 +245,7 @@ fn stereo_finds_made_up_cameras_and_refuses_by_name() {
         left[4].clone(),
     ];
     refused(&run(&blanks, &right[..5], "9x6", "20"), "blank.pgm");
-    for file in files {
-        assert_eq!(std::fs::read_to_string(out.join(file)).unwrap(), "kept");
-    }
+    assert!(!out.exists());
     // One alone is set aside by name.
     let done = run(&replaced(0, blank), &right[..5], "9x6", "20");
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
@@ -260,8 +277,8 @@ fn circles_calibrate_cameras_and_boards_are_named_by_kind() {
             images[side].push(path.to_str().unwrap().to_owned());
         }
     }
-    let out = at.join("out");
     let run = |command: &str, board: &str| {
+        let out = at.join(board.replace(':', "-"));
         let mut arguments = vec![command, "--board", board, "--json"];
         if command != "corners" {
             arguments.extend(["--square-mm", "15", "--out", out.to_str().unwrap()]);
@@ -390,6 +407,7 @@ fn two_files_in_millimetres(path: &dyn Fn(&str) -> String, out: &str, found: &Va
             arguments.push(&poses);
         }
         arguments.extend(rest);
+        std::fs::remove_file(out).unwrap();
         refused(&calibrate(&arguments), "--unit-mm 1");
         arguments.extend(["--unit-mm", "1"]);
         let done = calibrate(&arguments);
@@ -429,7 +447,7 @@ fn register_finds_the_cameras_and_refuses_by_name() {
     std::fs::write(path("other.yml"), stereo_yml(0.7 * FOCAL_PX)).unwrap();
     std::fs::write(path("broken.yml"), "M1: 3\n").unwrap();
     let out = path("registration.json");
-    let run = |poses: &str, calibration: &str| {
+    let run_to = |out: &str, poses: &str, calibration: &str| {
         let (poses, calibration) = (path(poses), path(calibration));
         calibrate(&[
             "register",
@@ -437,16 +455,19 @@ fn register_finds_the_cameras_and_refuses_by_name() {
             "--calibration",
             &calibration,
             "--out",
-            &out,
+            out,
             "--json",
         ])
     };
+    let fresh = path("fresh.json");
+    let run = |poses: &str, calibration: &str| run_to(&fresh, poses, calibration);
     let given = |poses: &Value| {
         std::fs::write(path("poses.json"), poses.to_string()).unwrap();
         run("poses.json", "stereo.yml")
     };
     let (truth, good) = recorded(20);
-    let done = given(&good);
+    std::fs::write(path("poses.json"), good.to_string()).unwrap();
+    let done = run_to(&out, "poses.json", "stereo.yml");
     assert!(
         done.status.success(),
         "{}",
@@ -467,8 +488,15 @@ fn register_finds_the_cameras_and_refuses_by_name() {
     two_files_in_millimetres(&path, &out, &found);
     assert!(found["predicted_tre_mm"].as_f64().unwrap() > 0.0);
 
-    // From here on everything is refused: the file must stay.
-    std::fs::write(&out, "kept").unwrap();
+    // An earlier registration stays.
+    refused(
+        &run_to(&out, "poses.json", "stereo.yml"),
+        "nothing is written over",
+    );
+    let kept: Value = serde_json::from_str(&std::fs::read_to_string(&out).unwrap()).unwrap();
+    assert_eq!(kept, found);
+
+    // From here on everything is refused, and nothing is left of it.
     refused(&run("nowhere.json", "stereo.yml"), "nowhere.json");
     refused(&run("poses.json", "nowhere.yml"), "nowhere.yml");
     refused(&run("poses.json", "broken.yml"), "broken.yml");
@@ -495,5 +523,5 @@ fn register_finds_the_cameras_and_refuses_by_name() {
     let mut bad = good;
     bad["arm_position_sigma_mm"] = json!(-1.0);
     refused(&given(&bad), "positive");
-    assert_eq!(std::fs::read_to_string(&out).unwrap(), "kept");
+    assert!(!Path::new(&fresh).exists());
 }

@@ -176,7 +176,7 @@ fn shards_merge_to_the_table_of_the_whole() {
     let output = needle_steer(&["report", text(&whole)]);
     assert!(output.status.success(), "{}", stderr(&output));
     let page = std::fs::read_to_string(whole.join("report.html")).unwrap();
-    assert!(page.contains("Paired against `hybrid`"));
+    assert!(page.contains("Paired against the law hybrid"));
 }
 
 /// Pseudo-random numbers below one: moments to kill at.

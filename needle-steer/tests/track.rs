@@ -471,7 +471,7 @@ fn bad_input_is_named_and_nothing_is_written() {
     for (bad, said) in [
         (&small, "320 x 240"),
         (&text, "not a readable image"),
-        (&missing, "No such file"),
+        (&missing, "there is no such file"),
         (&torn, "not a readable image"),
     ] {
         let files = [left[0].clone(), bad.clone()];

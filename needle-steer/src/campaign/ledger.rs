@@ -3,7 +3,7 @@
 //! Only whole lines count. What a killed process left of its last line is cut off when its shard
 //! is taken up again, and skipped by whoever only reads.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -157,6 +157,9 @@ impl Ledger {
     }
 }
 
+/// Lines of rows by run, and how many runs were given more than once.
+pub type Collected = (BTreeMap<u64, String>, usize);
+
 /// Lines of rows by run, and the length of what is whole \[bytes\].
 type Lines = (BTreeMap<u64, String>, usize);
 
@@ -197,8 +200,17 @@ fn parse(text: &[u8], path: &Path, heading: &str) -> Result<Lines, LedgerError> 
 /// # Errors
 /// See [`LedgerError`].
 pub fn collect(folders: &[PathBuf], plan: &Plan) -> Result<BTreeMap<u64, String>, LedgerError> {
+    collect_counted(folders, plan).map(|(all, _)| all)
+}
+
+/// As [`collect`], with the number of runs that stand in more than one ledger; each counts once.
+///
+/// # Errors
+/// See [`LedgerError`].
+pub fn collect_counted(folders: &[PathBuf], plan: &Plan) -> Result<Collected, LedgerError> {
     let heading = heading(plan);
     let mut all: BTreeMap<u64, String> = BTreeMap::new();
+    let mut twice = BTreeSet::new();
     for folder in folders {
         for path in ledgers(folder)? {
             let text = std::fs::read(&path).map_err(|source| LedgerError::Io {
@@ -210,14 +222,21 @@ pub fn collect(folders: &[PathBuf], plan: &Plan) -> Result<BTreeMap<u64, String>
                 continue;
             }
             for (run, line) in parse(&text, &path, &heading)?.0 {
-                let known = all.entry(run).or_insert_with(|| line.clone());
-                if *known != line {
-                    return Err(LedgerError::Contradiction { run, file: path });
+                match all.get(&run) {
+                    None => {
+                        all.insert(run, line);
+                    }
+                    Some(known) if *known != line => {
+                        return Err(LedgerError::Contradiction { run, file: path });
+                    }
+                    Some(_) => {
+                        twice.insert(run);
+                    }
                 }
             }
         }
     }
-    Ok(all)
+    Ok((all, twice.len()))
 }
 
 fn ledgers(folder: &Path) -> Result<Vec<PathBuf>, LedgerError> {

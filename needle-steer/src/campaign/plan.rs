@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::config::{self, Config, ConfigError, Invalid, Target, TargetKind};
+use crate::config::{self, Config, ConfigError, Invalid, Target, TargetKind, with_suggestion};
 
 /// Most runs of one campaign.
 const MOST_RUNS: u64 = 10_000_000;
@@ -173,7 +173,7 @@ impl Plan {
     pub fn parse(text: &str, name: &Path) -> Result<Self, PlanError> {
         let file: CampaignFile = toml::from_str(text).map_err(|e| PlanError::Syntax {
             file: name.to_owned(),
-            message: e.to_string().trim_end().to_owned(),
+            message: explained(&e),
         })?;
         let wrong = |problem: String| PlanError::Value {
             file: name.to_owned(),
@@ -278,6 +278,16 @@ impl Plan {
             position_mm: t.position_mm,
         };
         config
+    }
+}
+
+/// The parser's words with the line, and the nearest key that there is.
+fn explained(error: &toml::de::Error) -> String {
+    let text = error.to_string().trim_end().to_owned();
+    let (message, hinted) = (error.message(), with_suggestion("", error.message()));
+    match hinted.strip_prefix(message) {
+        Some(hint) if !hint.is_empty() => text.replace(message, &hinted),
+        _ => text,
     }
 }
 
@@ -408,6 +418,10 @@ mod tests {
             message.contains("line 2") && message.contains("sedes"),
             "{message}"
         );
+        assert!(message.ends_with("did you mean `seeds`?"), "{message}");
+        let typo = SMALL.replace("offset_mm", "ofset_mm");
+        let message = parse(&typo).unwrap_err().to_string();
+        assert!(message.contains("did you mean `offset_mm`?"), "{message}");
         let typo = SMALL.replace("insertion_speed_mm_s", "insertion_sped_mm_s");
         let message = parse(&typo).unwrap_err().to_string();
         assert!(message.starts_with("c.toml:10: key"), "{message}");

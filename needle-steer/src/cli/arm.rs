@@ -140,6 +140,8 @@ pub(super) fn ik(args: &IkArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Distance beyond which no arm with its rail reaches \[m\].
+const FARTHEST: f64 = 20.0;
 /// Deviation from a rotation that is taken for rounding of the text.
 const ORTHONORMAL: f64 = 1e-6;
 
@@ -150,10 +152,21 @@ fn pose(text: &str) -> Result<Isometry3<f64>, Usage> {
         .abs()
         .max();
     let bottom = (m[(3, 0)], m[(3, 1)], m[(3, 2)], m[(3, 3)]);
-    if off > ORTHONORMAL || rotation.determinant() < 0.0 || bottom != (0.0, 0.0, 0.0, 1.0) {
-        return Err(Usage(format!(
-            "--pose={text}: not a homogeneous transform: rotation off by {off:.1e}, last row {bottom:?}"
-        )));
+    let determinant = rotation.determinant();
+    let away = m.fixed_view::<3, 1>(0, 3).norm();
+    let problem = if off > ORTHONORMAL || bottom != (0.0, 0.0, 0.0, 1.0) {
+        format!("not a homogeneous transform: rotation off by {off:.1e}, last row {bottom:?}")
+    } else if determinant < 0.0 {
+        "a mirrored pose: its determinant is -1, that of a rotation is +1; one axis has the wrong sign, or two \
+         are exchanged"
+            .to_owned()
+    } else if away > FARTHEST {
+        format!("{away:.1} m from the base: are these millimetres? The last column is in metres")
+    } else {
+        String::new()
+    };
+    if !problem.is_empty() {
+        return Err(Usage(format!("--pose={text}: {problem}")));
     }
     let rotation = Rotation3::from_matrix_unchecked(rotation);
     // The text may be rounded: the rotation next to it.

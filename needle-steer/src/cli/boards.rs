@@ -14,6 +14,7 @@ use vision::files::{camera_info_of, read_image_of, read_images, write_all};
 use super::calibrate::{board_kind, name, square};
 use super::images::ImageArgs;
 use super::{Usage, print_json};
+use crate::results::check_free;
 use crate::stereo::{CameraOutput, LENSES, camera_output, lens};
 
 #[derive(Debug, Args)]
@@ -117,7 +118,7 @@ pub(super) struct MonoArgs {
     lens: String,
     #[command(flatten)]
     images: ImageArgs,
-    /// Folder for `camera.yaml` (ROS `camera_info`); made if missing.
+    /// Folder for `camera.yaml` (ROS `camera_info`), made if missing; nothing is written over.
     #[arg(long)]
     out: PathBuf,
     /// Print the result as JSON.
@@ -144,6 +145,8 @@ struct ViewOutput<'a> {
 pub(super) fn mono(args: &MonoArgs) -> anyhow::Result<ExitCode> {
     let kind = board_kind(&args.board)?;
     let board = Board::new(&kind, square(args.square_mm)?);
+    let file = args.out.join("camera.yaml");
+    check_free(&file)?;
     let images =
         read_images(&args.files, args.images.pixels()).map_err(|e| Usage(e.to_string()))?;
     let size = images.first().map_or((0, 0), |i| (i.width(), i.height()));
@@ -163,7 +166,7 @@ pub(super) fn mono(args: &MonoArgs) -> anyhow::Result<ExitCode> {
         .map_err(|e| Usage(e.to_string()))?;
     std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
     let info = camera_info_of(&found.camera, "camera");
-    write_all(&[(args.out.join("camera.yaml"), info.to_yaml())])?;
+    write_all(&[(file, info.to_yaml())])?;
     if args.json {
         print_json(&MonoOutput {
             rms_px: found.rms_px,

@@ -1,5 +1,6 @@
 //! `calibrate stereo`, `calibrate register` and `calibrate distortion`.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -7,12 +8,15 @@ use clap::{Args, Subcommand};
 use vision::calibrate::{StereoCalibration, rectify};
 use vision::detect::BoardKind;
 use vision::files::{camchain, write_all};
-use vision::register::{RegistrationFile, read_poses, register};
+use vision::register::{
+    RegistrationError, RegistrationFile, assumed_calibration, read_poses, register,
+};
 
 use super::images::ImageArgs;
 use super::{Usage, boards, calibration, print_json};
 use crate::identify::distortion::{Lie, map_of};
-use crate::stereo::{LENSES, Request, calibrate, output, write};
+use crate::results::check_free;
+use crate::stereo::{self, LENSES, Request, calibrate, output, write};
 
 /// Camera calibration and registration.
 #[derive(Debug, Subcommand)]
@@ -47,7 +51,7 @@ pub(super) struct StereoArgs {
     #[command(flatten)]
     images: ImageArgs,
     /// Folder for `report.html`, `left.yaml`, `right.yaml`, `stereo.yml`, and `camchain.yaml`
-    /// where Kalibr has the lens model (`radtan`, `equidistant`); made if missing.
+    /// where Kalibr has the lens model (`radtan`, `equidistant`); made if missing; nothing is written over.
     #[arg(long)]
     out: PathBuf,
     /// Model of both lenses.
@@ -69,7 +73,7 @@ pub(super) struct RegisterArgs {
     /// Unit of the calibration's lengths [mm], where it is not the metre: 1 for millimetres.
     #[arg(long)]
     unit_mm: Option<f64>,
-    /// File for the registration (JSON).
+    /// File for the registration (JSON); nothing is written over.
     #[arg(long)]
     out: PathBuf,
     /// Print the registration as JSON.
@@ -82,7 +86,7 @@ pub(super) struct DistortionArgs {
     /// Table: `depth_mm`, `guide_*_mm` (the tip's place at depth 0; along the insertion it may be left out),
     /// `tip_*_mm`, `axis_*`, and `sd_*_mm`, `samples` if there are, in World.
     table: PathBuf,
-    /// File for the map (TOML), for `em.map`.
+    /// File for the map (TOML), for `em.map`; nothing is written over.
     #[arg(long)]
     out: PathBuf,
     /// The tip truly is where guide and depth say; without, how the needle lies in its guide is not
@@ -96,7 +100,7 @@ pub(super) struct DistortionArgs {
 
 pub(super) fn execute(command: &CalibrateCommand) -> anyhow::Result<ExitCode> {
     match command {
-        CalibrateCommand::Stereo(args) => stereo(args),
+        CalibrateCommand::Stereo(args) => cameras(args),
         CalibrateCommand::Mono(args) => boards::mono(args),
         CalibrateCommand::Corners(args) => boards::corners(args),
         CalibrateCommand::Register(args) => registration(args),
@@ -105,7 +109,7 @@ pub(super) fn execute(command: &CalibrateCommand) -> anyhow::Result<ExitCode> {
 }
 
 fn distortion(args: &DistortionArgs) -> anyhow::Result<ExitCode> {
-    use std::io::Write;
+    check_free(&args.out)?;
     let lie = if args.exact { Lie::Exact } else { Lie::Fitted };
     let map = map_of(&args.table, lie).map_err(|e| Usage(e.to_string()))?;
     write_all(&[(args.out.clone(), toml::to_string(&map)?)])?;
@@ -138,7 +142,7 @@ fn distortion(args: &DistortionArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
+fn cameras(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     let request = Request {
         left: args.left.clone(),
         right: args.right.clone(),
@@ -147,6 +151,7 @@ fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
         lens: args.lens.clone(),
         pixels: args.images.pixels(),
     };
+    stereo::check_free(&args.out)?;
     let calibration = calibrate(&request).map_err(|e| Usage(e.to_string()))?;
     write(&args.out, &calibration)?;
     if args.json {
@@ -162,13 +167,8 @@ pub(super) fn board_kind(text: &str) -> Result<BoardKind, Usage> {
 }
 
 pub(super) fn square(square_mm: f64) -> Result<f64, Usage> {
-    if square_mm.is_finite() && square_mm > 0.0 {
-        Ok(square_mm * 1e-3)
-    } else {
-        Err(Usage(format!(
-            "--square-mm {square_mm}: expected a number above 0"
-        )))
-    }
+    let checked = stereo::check_square(square_mm).map_err(|e| Usage(e.to_string()))?;
+    Ok(checked * 1e-3)
 }
 
 pub(super) fn name(path: Option<&PathBuf>) -> String {
@@ -177,7 +177,6 @@ pub(super) fn name(path: Option<&PathBuf>) -> String {
 }
 
 fn print_stereo(c: &StereoCalibration, out: &Path) -> std::io::Result<()> {
-    use std::io::Write;
     let mut stdout = std::io::stdout().lock();
     writeln!(
         stdout,
@@ -228,16 +227,41 @@ fn registration(args: &RegisterArgs) -> anyhow::Result<ExitCode> {
         (None, [files @ .., poses]) if !files.is_empty() => (files, poses),
         _ => return Err(Usage("POSES is missing: the recorded poses (JSON)".to_owned()).into()),
     };
+    check_free(&args.out)?;
     let calibration = calibration::read(files, args.unit_mm, None)?;
     let (target, poses, options) = read_poses(recorded).map_err(|e| Usage(e.to_string()))?;
+    let refused = |e: RegistrationError| Usage(format!("{}: {e}", recorded.display()));
+    let stated = calibration.covariance.is_some();
+    let covariance = match calibration.covariance {
+        None => {
+            assumed_calibration(&calibration.rig, &target, &poses, &options).map_err(refused)?
+        }
+        known => known,
+    };
+    if !stated {
+        let assumed = if covariance.is_some() {
+            format!(
+                "that of an ordinary one is assumed (12 pairs of a board, corners to {} px: pixel_sigma_px of the poses)",
+                options.pixel_sigma_px
+            )
+        } else {
+            "the predicted target error leaves it out, and is too small".to_owned()
+        };
+        writeln!(
+            std::io::stderr(),
+            "note: {}: how exact the calibration is does not stand there; {assumed}. The stereo.yml of `calibrate \
+             stereo` says it",
+            calibration::names(files)
+        )?;
+    }
     let found = register(
         &calibration.rig,
-        calibration.covariance.as_ref(),
+        covariance.as_ref(),
         &target,
         &poses,
         &options,
     )
-    .map_err(|e| Usage(format!("{}: {e}", recorded.display())))?;
+    .map_err(refused)?;
     let left_from_world = found.world_from_left_camera.inverse();
     let places: Vec<_> = poses
         .iter()
@@ -246,12 +270,14 @@ fn registration(args: &RegisterArgs) -> anyhow::Result<ExitCode> {
             left_from_world * (pose.world_from_flange * hal::Position::new(target))
         })
         .collect();
-    let file = RegistrationFile::new(&found, &places);
+    let file = RegistrationFile {
+        calibration_assumed: !stated,
+        ..RegistrationFile::new(&found, &places)
+    };
     write_all(&[(args.out.clone(), file.to_json()?)])?;
     if args.json {
         print_json(&file)?;
     } else {
-        use std::io::Write;
         writeln!(
             std::io::stdout(),
             "FRE {:.3} mm, predicted target error {:.3} mm, chi2 per freedom {:.2}; written to {}",

@@ -15,7 +15,7 @@ use super::run::interrupt_flag;
 use super::{Usage, print_json};
 use crate::campaign::compare::conclude;
 use crate::campaign::execute::{self, Shard};
-use crate::campaign::ledger::{collect, ledger_of};
+use crate::campaign::ledger::{collect, collect_counted, ledger_of};
 use crate::campaign::table::table;
 use crate::campaign::{Conclusions, Failure, Ledger, Plan, Row};
 use crate::clock::WallTime;
@@ -105,6 +105,13 @@ fn merge(folders: &[PathBuf], out: Option<&Path>, json: bool) -> anyhow::Result<
     let plan = Plan::load(&first.join(COPY)).map_err(|e| Usage(e.to_string()))?;
     let out = out.unwrap_or(first);
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let twice = collect_counted(folders, &plan)?.1;
+    if twice > 0 {
+        writeln!(
+            std::io::stderr(),
+            "note: {twice} runs were given twice (a folder named twice, or shards that overlap); each counts once"
+        )?;
+    }
     let found = conclude_folder(folders, &plan, out, json)?;
     if !folders.iter().any(|folder| folder == out) {
         // A folder like that of a whole campaign: it can be reported and gone on with.

@@ -1,7 +1,7 @@
 //! `check`: a configuration, and whether its arm can carry out the insertion.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
@@ -10,6 +10,7 @@ use robots::kinematics::Chain;
 use super::Usage;
 use crate::config::{self, Config};
 use crate::rig::{self, Course, Demand};
+use crate::strut::Strut;
 
 /// Check a configuration, and whether its arm can carry out the insertion.
 #[derive(Debug, Args)]
@@ -26,11 +27,12 @@ pub(super) struct CheckArgs {
 
 pub(super) fn execute(args: &CheckArgs) -> anyhow::Result<ExitCode> {
     let config = config::load(args.config.as_deref(), &args.set)?;
+    super::tell_doubts(&config);
     let chain = rig::chain(&config).map_err(|e| Usage(e.to_string()))?;
     let mut out = std::io::stdout().lock();
     if args.suggest {
         rig::check_arm(&config, &chain).map_err(|e| Usage(e.to_string()))?;
-        return suggest(&config, &chain, &mut out);
+        return suggest(&config, &chain, args.config.as_deref(), &mut out);
     }
     let start =
         rig::start(&config, &chain, &rig::arm_place(&config)).map_err(|e| Usage(e.to_string()))?;
@@ -44,6 +46,10 @@ pub(super) fn execute(args: &CheckArgs) -> anyhow::Result<ExitCode> {
             "device: {}",
             rig::abilities(&chain, &start.joints, length)
         )?;
+    }
+    if let Some(problem) = Strut::of(&config).and_then(|strut| strut.problem()) {
+        out.flush()?;
+        anyhow::bail!(problem);
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -59,7 +65,12 @@ pub(super) fn margins(config: &Config, chain: &Chain, course: &Course) -> String
     format!("a straight insertion of {depth:.0} mm fits; {joint} comes within {room} of its end")
 }
 
-fn suggest(config: &Config, chain: &Chain, out: &mut impl Write) -> anyhow::Result<ExitCode> {
+fn suggest(
+    config: &Config,
+    chain: &Chain,
+    file: Option<&Path>,
+    out: &mut impl Write,
+) -> anyhow::Result<ExitCode> {
     let Some(place) = rig::suggest(config, chain) else {
         anyhow::bail!(
             "no place for the arm's base was found from which it can carry out this insertion; a \
@@ -67,9 +78,28 @@ fn suggest(config: &Config, chain: &Chain, out: &mut impl Write) -> anyhow::Resu
              another tissue.inward, asks less of it"
         );
     };
+    let mut arm = file.map_or_else(|| Ok(toml::Table::new()), arm_of)?;
     writeln!(out, "# {}", margins(config, chain, &place.course))?;
-    writeln!(out, "[arm]")?;
-    writeln!(out, "base_mm = {:?}", place.base_mm)?;
-    writeln!(out, "base_rpy_deg = {:?}", place.base_rpy_deg)?;
+    if let Some(file) = file {
+        let file = file.display();
+        if arm.is_empty() {
+            writeln!(out, "# a table for {file}:")?;
+        } else {
+            writeln!(out, "# in the place of the table [arm] of {file}:")?;
+        }
+    }
+    arm.insert("base_mm".into(), place.base_mm.to_vec().into());
+    arm.insert("base_rpy_deg".into(), place.base_rpy_deg.to_vec().into());
+    let whole = toml::Table::from_iter([("arm".to_owned(), arm.into())]);
+    write!(out, "{}", toml::to_string(&whole)?)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// The table `[arm]` of a configuration that was read before.
+fn arm_of(file: &Path) -> anyhow::Result<toml::Table> {
+    let mut given: toml::Table = std::fs::read_to_string(file)?.parse()?;
+    Ok(match given.remove("arm") {
+        Some(toml::Value::Table(arm)) => arm,
+        _ => toml::Table::new(),
+    })
 }

@@ -44,7 +44,7 @@ pub(super) struct RosArgs {
     #[arg(long)]
     phantom: Option<String>,
     /// Seed of everything random.
-    #[arg(long)]
+    #[arg(long, value_parser = super::seed)]
     seed: Option<u64>,
     /// A node of ROS 2.
     #[arg(long)]

@@ -29,7 +29,7 @@ pub(super) enum ExampleCommand {
         /// Configuration of the run; the built-in defaults without.
         config: Option<PathBuf>,
         /// Seed of the run: every seed has another field.
-        #[arg(long)]
+        #[arg(long, value_parser = super::seed)]
         seed: Option<u64>,
     },
 }

@@ -15,7 +15,8 @@ const COMMON: &str = "faults, a line each on standard input:
   manual | automatic       operating mode
   error NUMBER             of the controller; 0: none
   silent | speak           no feedback, feedback again
-  late MS                  feedback (and the Viper's answers) later by that much";
+  late MS                  feedback (and the Viper's answers) later by that much
+  help                     these lines";
 
 /// Longest delay that is taken \[ms\].
 const LATEST_MS: f64 = 60_000.0;
@@ -224,28 +225,31 @@ fn help<R: Rehearsal>() -> String {
     format!("{COMMON}\n{}", R::OWN)
 }
 
-/// Does what a line says.
+/// Does what a line says, and answers; a line without a fault is answered by what there is.
 ///
 /// # Errors
 /// What was expected instead, or what is in the way, in words.
-fn act<R: Rehearsal>(rehearsal: &mut R, line: &str) -> Result<(), String> {
-    let no_fault = || format!("`{}` is no fault; {}", line.trim(), help::<R>());
+fn act<R: Rehearsal>(rehearsal: &mut R, line: &str) -> Result<String, String> {
+    let line = line.trim();
+    if ["", "help", "?"].contains(&line) {
+        return Ok(help::<R>());
+    }
+    let no_fault = || format!("`{line}` is no fault; {}", help::<R>());
     match Order::parse(line).map_err(|why| why.unwrap_or_else(no_fault))? {
         Some(order) if !rehearsal.take(order)? => Err(no_fault()),
-        _ => Ok(()),
+        _ => Ok(format!("done: {line}")),
     }
 }
 
-/// Says what there is, and takes faults from standard input until it is closed.
+/// Says what there is, and takes and answers faults from standard input until it is closed.
 pub(super) fn listen<R: Rehearsal>(mut rehearsal: R) -> std::io::Result<()> {
     say(&help::<R>());
     std::thread::Builder::new()
         .name("faults".into())
         .spawn(move || {
             for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-                if let Err(why) = act(&mut rehearsal, &line) {
-                    say(&why);
-                }
+                let (Ok(answer) | Err(answer)) = act(&mut rehearsal, &line);
+                say(&answer);
             }
         })?;
     Ok(())

@@ -16,6 +16,7 @@ mod export;
 mod faults;
 mod images;
 mod model;
+mod plain;
 mod relay;
 mod replay;
 mod report;
@@ -31,7 +32,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::config;
 use crate::results::ResultsError;
@@ -113,7 +114,9 @@ enum ConfigCommand {
 /// Runs the program.
 pub fn main() -> ExitCode {
     // roslaunch adds `__name:=`, `__log:=` and remappings.
-    let cli = Cli::parse_from(rosbridge::plain_arguments());
+    let command = with_negative_numbers(Cli::command());
+    let given = command.get_matches_from(rosbridge::plain_arguments());
+    let cli = Cli::from_arg_matches(&given).unwrap_or_else(|error| error.exit());
     match dispatch(cli) {
         Ok(code) => code,
         // The reader of stdout has seen enough, as `head` has.
@@ -132,6 +135,28 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// The command, in which a negative number is the value of the option before it: it is then told what
+/// that option expects, not that there is no option `-1`.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let options = command.mut_args(|option| {
+        if option.get_action().takes_values() {
+            option.allow_negative_numbers(true)
+        } else {
+            option
+        }
+    });
+    options.mut_subcommands(with_negative_numbers)
+}
+
+/// A seed of a command line.
+fn seed(text: &str) -> Result<u64, String> {
+    let number = text
+        .parse()
+        .ok()
+        .filter(|seed| *seed <= config::LARGEST_SEED);
+    number.ok_or_else(|| format!("expected a whole number from 0 to {}", config::LARGEST_SEED))
+}
+
 /// Arguments or input files that cannot be used: exit code 2.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
@@ -146,6 +171,14 @@ fn unusable(file: &Path, error: impl Into<anyhow::Error>) -> Usage {
     } else {
         format!("{name}: {text}")
     })
+}
+
+/// Says which lengths of a configuration may be in another unit, before anything else is blamed.
+fn tell_doubts(config: &config::Config) {
+    for doubt in config.doubtful_lengths() {
+        // A closed stderr is no reason to stop.
+        let _ = writeln!(std::io::stderr(), "note: {doubt}");
+    }
 }
 
 /// One JSON document on stdout.
@@ -164,7 +197,7 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
 /// The error and its causes, less those that the one before already tells.
 fn words(error: &anyhow::Error) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
-    for cause in error.chain().map(ToString::to_string) {
+    for cause in error.chain().map(|cause| plain::plain(&cause.to_string())) {
         if !words.last().is_some_and(|last| last.contains(&cause)) {
             words.push(cause);
         }

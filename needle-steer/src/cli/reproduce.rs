@@ -13,7 +13,6 @@ use indicatif::ProgressBar;
 
 use super::run::interrupt_flag;
 use super::{Usage, print_json};
-use crate::config::LARGEST_SEED;
 use crate::experiments::{ExperimentResult, Finished, reproduce};
 use crate::reproduction::{Document, Request, one};
 use crate::results::{check_free, claim, save};
@@ -31,7 +30,7 @@ pub(super) struct ReproduceArgs {
     #[arg(long, default_value_t = 20)]
     runs: u64,
     /// First seed.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
+    #[arg(long, default_value_t = 1, value_parser = super::seed)]
     seed: u64,
     /// Preset of the phantom.
     #[arg(long, default_value = "paper")]

@@ -19,7 +19,7 @@ use super::print_json;
 use super::served::Served;
 use super::way_out::with_way_out;
 use crate::clock::WallTime;
-use crate::config::{self, Config, LARGEST_SEED};
+use crate::config::{self, Config};
 use crate::controls::Controls;
 use crate::hand::Prompt;
 use crate::host::degrees;
@@ -30,6 +30,7 @@ use crate::rig::{self, NotAtStart, Pace, Rig, RigBuildError};
 use crate::ros::{self, Link};
 use crate::run::{Insertion, Observer};
 use crate::session::{self, Leave, Session};
+use crate::strut::Strut;
 use crate::supervisor::StopReason;
 
 /// What a dry run does.
@@ -62,7 +63,7 @@ pub(super) struct RunArgs {
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(PRESETS))]
     phantom: Option<String>,
     /// Seed of everything random [default: run.seed, 1].
-    #[arg(long, value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
+    #[arg(long, value_parser = super::seed)]
     seed: Option<u64>,
     /// Check everything, move nothing; with =air, move the arm in air, the controller's own model
     /// in the place of needle and tissue.
@@ -115,6 +116,7 @@ impl RunArgs {
 
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let config = args.config()?;
+    super::tell_doubts(&config);
     ros::choose_master(&config)?;
     // A dry run has no results.
     let out = args.out.as_deref().filter(|_| !config.run.dry_run);
@@ -134,6 +136,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
         for difference in config.needle_differences() {
             writeln!(std::io::stderr(), "{difference}")?;
         }
+    }
+    if let Some(problem) = Strut::of(&config).and_then(|strut| strut.problem()) {
+        writeln!(std::io::stderr(), "note: {problem}")?;
     }
     if config.run.dry_run {
         let joints = degrees(&rig.arm.state()?.positions);
@@ -174,7 +179,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let printed = if args.json {
         print_json(&summary)
     } else {
-        print_text(&summary).map_err(anyhow::Error::from)
+        print_text(&summary, config.run.dry_run_air).map_err(anyhow::Error::from)
     };
     let written = out.as_ref().map_or(Ok(()), |out| {
         write_results(out.path(), &config, &watcher.record.rows, &summary)
@@ -365,7 +370,8 @@ impl Observer for Watcher {
     }
 }
 
-fn print_text(summary: &Summary) -> std::io::Result<()> {
+/// The verdict in words; `in_air` nothing was inserted, and no truth was missed.
+fn print_text(summary: &Summary, in_air: bool) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     let mm = |value: Option<f64>| value.map_or("unknown".into(), |v| format!("{v:.3} mm"));
     writeln!(out, "{}", summary.ended)?;
@@ -384,6 +390,13 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
             "  hit             {hit} (measured error {side} {goal} mm)"
         )?;
     }
+    if in_air {
+        writeln!(
+            out,
+            "  in air          the controller's own model stood for needle and tissue"
+        )?;
+        return print_end(&mut out, summary, false);
+    }
     writeln!(out, "  true error      {}", mm(summary.true_error_mm))?;
     if let Some(error) = summary.true_error_less_bias_mm {
         writeln!(out, "  less the bias   {}", mm(Some(error)))?;
@@ -395,6 +408,11 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
         "  tissue stretch  {:.2} mm largest, {:.2} mm mean",
         summary.max_stretch_mm, summary.mean_stretch_mm
     )?;
+    print_end(&mut out, summary, summary.ended != Ended::Retracted)
+}
+
+/// How long it took and where the results are; the way out where the needle may be in tissue.
+fn print_end(out: &mut impl Write, summary: &Summary, inside: bool) -> std::io::Result<()> {
     writeln!(
         out,
         "  duration        {:.1} s, {} steps",
@@ -403,7 +421,7 @@ fn print_text(summary: &Summary) -> std::io::Result<()> {
     if let Some(folder) = &summary.out {
         writeln!(out, "  results         {folder}")?;
     }
-    if let (Some(log), false) = (&summary.log, summary.ended == Ended::Retracted) {
+    if let (Some(log), true) = (&summary.log, inside) {
         writeln!(out, "  way out         needle-steer withdraw {log}")?;
     }
     Ok(())

@@ -4,13 +4,13 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::Context;
 use clap::Args;
 
 use super::{Usage, print_json};
 use crate::config;
 use crate::identify::{Recording, Validation, validate};
 use crate::report;
+use crate::results::{check_is_page, save_page};
 
 /// Predictions of recorded steps against what was measured.
 #[derive(Debug, Args)]
@@ -30,6 +30,9 @@ pub(super) struct ValidateArgs {
 }
 
 pub(super) fn execute(args: &ValidateArgs) -> anyhow::Result<ExitCode> {
+    if let Some(page) = &args.html {
+        check_is_page(page)?;
+    }
     let given = config::load(args.config.as_deref(), &[])?;
     let recordings: Vec<Recording> = args
         .files
@@ -41,8 +44,7 @@ pub(super) fn execute(args: &ValidateArgs) -> anyhow::Result<ExitCode> {
         .collect::<Result<_, _>>()?;
     let found = validate(&recordings, &given).map_err(|e| Usage(e.to_string()))?;
     if let Some(page) = &args.html {
-        std::fs::write(page, report::validation(&found).render())
-            .with_context(|| page.display().to_string())?;
+        save_page(page, &report::validation(&found).render())?;
     }
     if args.json {
         print_json(&found)?;

@@ -1,44 +1,15 @@
 //! Ranges of the configuration's values.
 
+mod range;
 mod remote;
+
+pub(crate) use range::in_other_unit;
+use range::{agree, positive, within, zero_or_within};
 
 use super::{
     Backend, Config, FARTHEST_MM, InsertionBy, Invalid, LARGEST_SEED, NeedleSupport, SensorKind,
     TargetKind,
 };
-
-/// The value lies in `low..=high`.
-fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
-    if value >= low && value <= high {
-        return Ok(());
-    }
-    Err(Invalid {
-        key: key.to_owned(),
-        problem: format!("expected a number from {low} to {high}, found {value}"),
-    })
-}
-
-/// The value is above zero and at most `high`.
-fn positive(key: &str, value: f64, high: f64) -> Result<(), Invalid> {
-    if value > 0.0 && value <= high {
-        return Ok(());
-    }
-    Err(Invalid {
-        key: key.to_owned(),
-        problem: format!("expected a number above 0 and at most {high}, found {value}"),
-    })
-}
-
-/// The first value is not above the second.
-fn agree(low: (&str, f64), high: (&str, f64)) -> Result<(), Invalid> {
-    if low.1 <= high.1 {
-        return Ok(());
-    }
-    Err(Invalid {
-        key: low.0.to_owned(),
-        problem: format!("expected at most {} ({}), found {}", high.0, high.1, low.1),
-    })
-}
 
 impl Config {
     /// Checks every range.
@@ -75,26 +46,31 @@ impl Config {
             });
         }
         let target = &self.target;
-        positive("target.goal_mm", target.goal_mm, 100.0)?;
+        within("target.goal_mm", target.goal_mm, 0.001, 100.0)?;
         if matches!(target.kind, TargetKind::Stereo | TargetKind::World) {
             for value in target.position_mm {
                 within("target.position_mm", value, -2000.0, 2000.0)?;
             }
             return Ok(());
         }
-        positive("target.depth_mm", target.depth_mm, 500.0)?;
+        within("target.depth_mm", target.depth_mm, 1.0, 500.0)?;
         within("target.offset_mm", target.offset_mm, 0.0, 200.0)?;
         within("target.angle_deg", target.angle_deg, -360.0, 360.0)
     }
 
     fn validate_needle(&self) -> Result<(), Invalid> {
         let needle = &self.needle;
-        positive("needle.length_mm", needle.length_mm, 1000.0)?;
-        positive("needle.outer_diameter_mm", needle.outer_diameter_mm, 5.0)?;
+        within("needle.length_mm", needle.length_mm, 10.0, 1000.0)?;
         within(
+            "needle.outer_diameter_mm",
+            needle.outer_diameter_mm,
+            0.1,
+            5.0,
+        )?;
+        zero_or_within(
             "needle.inner_diameter_mm",
             needle.inner_diameter_mm,
-            0.0,
+            0.02,
             5.0,
         )?;
         if needle.inner_diameter_mm >= needle.outer_diameter_mm {
@@ -108,16 +84,22 @@ impl Config {
         }
         positive("needle.young_modulus_gpa", needle.young_modulus_gpa, 1000.0)?;
         within("needle.bevel_deg", needle.bevel_deg, 1.0, 89.0)?;
-        for (key, value, most) in [
-            ("needle.guide_gap_mm", needle.guide_gap_mm, 500.0),
+        for (key, value, least, most) in [
+            ("needle.guide_gap_mm", needle.guide_gap_mm, 1.0, 500.0),
             (
                 "needle.guide_gap_sigma_mm",
                 needle.guide_gap_sigma_mm,
+                0.01,
                 100.0,
             ),
-            ("needle.sensor_setback_mm", needle.sensor_setback_mm, 50.0),
+            (
+                "needle.sensor_setback_mm",
+                needle.sensor_setback_mm,
+                0.05,
+                50.0,
+            ),
         ] {
-            within(key, value, 0.0, most)?;
+            zero_or_within(key, value, least, most)?;
         }
         for value in needle.axis_drift_rad_per_m {
             within("needle.axis_drift_rad_per_m", value, -50.0, 50.0)?;
@@ -268,11 +250,11 @@ impl Config {
             ("lateral_speed_mm_s", l.lateral_speed_mm_s, 100.0),
             ("spin_speed_deg_s", l.spin_speed_deg_s, 3600.0),
             ("tilt_deg", l.tilt_deg, 60.0),
-            ("base_offset_mm", l.base_offset_mm, 500.0),
-            ("entry_stretch_mm", l.entry_stretch_mm, 50.0),
         ] {
             positive(&format!("limits.{key}"), value, most)?;
         }
+        within("limits.base_offset_mm", l.base_offset_mm, 0.5, 500.0)?;
+        within("limits.entry_stretch_mm", l.entry_stretch_mm, 0.02, 50.0)?;
         within("limits.roll_reserve_deg", l.roll_reserve_deg, 0.0, 180.0)?;
         let speed = self.run.insertion_speed_mm_s;
         agree(
@@ -405,15 +387,17 @@ impl Config {
 
     fn validate_limits(&self) -> Result<(), Invalid> {
         let supervisor = &self.supervisor;
-        positive(
+        within(
             "supervisor.tissue_stretch_mm",
             supervisor.tissue_stretch_mm,
+            0.05,
             50.0,
         )?;
         positive("supervisor.entry_force_n", supervisor.entry_force_n, 50.0)?;
-        positive(
+        within(
             "supervisor.workspace_radius_mm",
             supervisor.workspace_radius_mm,
+            1.0,
             1000.0,
         )?;
         let box_mm = supervisor

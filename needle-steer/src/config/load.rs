@@ -313,7 +313,7 @@ fn insert(table: &mut toml::Table, key: &str, value: toml::Value) -> Option<()> 
 }
 
 /// Adds the nearest known key to serde's message about an unknown one.
-fn with_suggestion(key: &str, message: &str) -> String {
+pub(crate) fn with_suggestion(key: &str, message: &str) -> String {
     if !message.starts_with("unknown field") && !message.starts_with("unknown variant") {
         return message.to_owned();
     }

@@ -3,8 +3,10 @@
 
 use phantom::{Settings, SettingsError};
 
+use super::check::in_other_unit;
 use super::{Config, Invalid, Needle, PlantKind};
 use crate::guide::Guide;
+use crate::monitor::plausibility::SLACK;
 
 /// A key of `[phantom.needle]` and where `[needle]` has it.
 struct Followed {
@@ -119,7 +121,7 @@ impl Config {
                         .to_owned(),
                 });
             }
-            Ok(_) => return Ok(()),
+            Ok(settings) => return self.validate_length(&settings),
         };
         let key = match &error {
             SettingsError::UnknownPreset { .. } => "run.phantom".to_owned(),
@@ -134,11 +136,64 @@ impl Config {
                 lowest,
                 highest,
                 ..
-            } => format!("expected {lowest} to {highest}, found {value}"),
+            } => {
+                let unit = if key.ends_with("_mm") {
+                    in_other_unit(value, lowest, highest)
+                } else {
+                    String::new()
+                };
+                format!("expected {lowest} to {highest}, found {value}{unit}")
+            }
             SettingsError::Inconsistent { expected, .. } => expected.to_owned(),
             other => other.to_string(),
         };
         Err(Invalid { key, problem })
+    }
+
+    /// A needle of another length than the controller is told is not believed to be the same one: no run
+    /// with it comes to an end.
+    fn validate_length(&self, settings: &Settings) -> Result<(), Invalid> {
+        let (simulated, told) = (settings.needle.length_mm, self.needle.length_mm);
+        let stands_for_it = self.is_simulated() && self.run.plant != PlantKind::Springs;
+        if !stands_for_it || self.run.dry_run_air || (simulated - told).abs() <= SLACK * 1e3 {
+            return Ok(());
+        }
+        if self.apart().any(|(key, _)| key == "length_mm") {
+            return Err(Invalid {
+                key: "phantom.needle.length_mm".to_owned(),
+                problem: format!(
+                    "the simulated needle is {simulated} mm long, the controller is told needle.length_mm = {told}; \
+                     make both the same within {:.0} mm",
+                    SLACK * 1e3
+                ),
+            });
+        }
+        let preset = toml::Table::try_from(settings.needle.clone()).unwrap_or_default();
+        let mut keys: Vec<String> = FOLLOWED
+            .iter()
+            .filter_map(|followed| {
+                let simulated = preset.get(followed.key)?.as_float()?;
+                let told = (followed.value)(&self.needle);
+                (simulated.to_bits() != told.to_bits())
+                    .then(|| format!("{} = {simulated}", followed.told))
+            })
+            .collect();
+        let gap = Settings::preset(&self.run.phantom).map_or(0.0, |preset| preset.guide.gap_mm);
+        let through = if gap > 0.0 {
+            keys.insert(0, format!("support = \"guide\", guide_gap_mm = {gap}"));
+            format!(" through a guide {gap} mm from the tissue")
+        } else {
+            String::new()
+        };
+        Err(Invalid {
+            key: "run.phantom".to_owned(),
+            problem: format!(
+                "the preset {} simulates a needle of {simulated} mm{through}, the controller is told one of {told} mm: \
+                 set [needle] {} (docs/REAL_NEEDLES.md has a whole file)",
+                self.run.phantom,
+                keys.join(", ")
+            ),
+        })
     }
 
     /// The key of the configuration that set a key of the phantom.
@@ -181,6 +236,34 @@ mod tests {
         let differences = wrong.needle_differences();
         assert_eq!(differences.len(), 1);
         assert!(differences[0].contains("75") && differences[0].contains("60"));
+    }
+
+    #[test]
+    fn a_preset_of_another_needle_says_which_one_to_tell() {
+        let mut config = of(&[]);
+        config.run.phantom = "gel-guide".to_owned();
+        let refused = config.validate().unwrap_err();
+        assert_eq!(refused.key, "run.phantom");
+        for told in [
+            "200 mm through a guide 25 mm",
+            "support = \"guide\"",
+            "length_mm = 200",
+        ] {
+            assert!(refused.problem.contains(told), "{refused:?}");
+        }
+        // What it says helps.
+        let told = refused.problem.split_once("[needle] ").unwrap().1;
+        let told = told.split_once(" (docs").unwrap().0.replace(", ", "\n");
+        let text = format!("[run]\nphantom = \"gel-guide\"\n[needle]\n{told}\n");
+        config::parse(&text, std::path::Path::new("told.toml"), &[]).unwrap();
+        let mut longer = of(&["phantom.needle.length_mm=130.0"]);
+        assert_eq!(longer.validate(), Ok(()));
+        let needle = toml::toml! { length_mm = 150.0 };
+        longer.phantom.insert("needle".into(), needle.into());
+        assert_eq!(
+            longer.validate().unwrap_err().key,
+            "phantom.needle.length_mm"
+        );
     }
 
     #[test]

@@ -72,6 +72,24 @@ enum Cells {
     Points(Vec<Vec<Point3<f64>>>),
 }
 
+/// What to do with a table that holds a recording in a form of its own.
+fn of_many(header: &[String]) -> Option<&'static str> {
+    let has = |name: &str| header.iter().any(|cell| cell == name);
+    if has("Timestamp nanosec") || has("AuroraTip x") {
+        Some(
+            "a recording of topics, several streams side by side: write the settled steps as a table of its own, one \
+             row a step (docs/REAL_NEEDLES.md, \"From a recording to a table\")",
+        )
+    } else if has("trial") {
+        Some(
+            "several insertions (column `trial`): write a table for each of them (docs/REAL_NEEDLES.md, \"From a \
+             recording to a table\")",
+        )
+    } else {
+        None
+    }
+}
+
 impl Table {
     /// Reads a table of a recording; see [`Table::read_of`].
     pub(super) fn read(file: &Path) -> Result<Self, TableError> {
@@ -102,6 +120,9 @@ impl Table {
             }
         }
         let text = Text::read(&bytes, known).map_err(|p| value(file, p.line, p.text))?;
+        if let Some(problem) = of_many(&text.header.cells) {
+            return Err(value(file, text.header.number, problem.to_owned()));
+        }
         let mut table = Self {
             file: file.to_owned(),
             known,

@@ -57,7 +57,8 @@ pub struct TipScore {
     pub rms_mm: f64,
     /// Of "stays as it was".
     pub persistence_mm: f64,
-    /// Of a straight line along the measured axis.
+    /// Of a straight line: the tip goes on along the axis that was measured at the beginning of the step,
+    /// by as much as it advances; the support does nothing.
     pub straight_mm: f64,
     /// Of a Jacobian of support and advance that is learnt online (Broyden), from nothing.
     pub broyden_mm: f64,

@@ -5,7 +5,7 @@ use hal::Stamp;
 use nalgebra::{Isometry3, Point3};
 
 /// Slack of every length for registration, sensor and arm \[m\].
-const SLACK: f64 = 10e-3;
+pub(crate) const SLACK: f64 = 10e-3;
 /// Chord from base to tip over the needle's length \[1\]: less bends it beyond its yield stress.
 const SHORTEST: f64 = 0.8;
 /// Offset of the tip from the base's axis over the needle's length \[1\]: a mean turn of 30 degrees.
@@ -24,7 +24,7 @@ const STAYS: f64 = 0.5;
 pub enum Implausible {
     /// Farther from the base than the needle is long, or nearer than it bends.
     #[error(
-        "the measured tip is {chord_mm:.0} mm from the base of a needle of {length_mm:.0} mm: units or registration?"
+        "the measured tip is {chord_mm:.0} mm from the base of a needle of {length_mm:.0} mm: needle.length_mm, units or registration?"
     )]
     Length {
         /// Distance from base to tip \[mm\].

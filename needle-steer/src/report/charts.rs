@@ -14,9 +14,11 @@ pub(super) const ORANGE: &str = "#e69f00";
 pub(super) const GREEN: &str = "#009e73";
 pub(super) const RED: &str = "#d55e00";
 pub(super) const GREY: &str = "#7f7f7f";
+/// The same in their order, for what has no colour of its own.
+pub(super) const COLOURS: [&str; 5] = [BLUE, ORANGE, GREEN, RED, GREY];
 
 /// Smaller errors are drawn as this one \[mm\]: a logarithm has no zero, and no sensor sees less.
-const LEAST_ERROR_MM: f64 = 1e-3;
+pub(super) const LEAST_ERROR_MM: f64 = 1e-3;
 
 /// Points of a curve, about; more cannot be seen.
 const POINTS: usize = 1500;
@@ -99,7 +101,14 @@ fn chart(title: &str, y: &str, curves: Vec<Curve>) -> Plot {
 /// Fig. 3 of the paper, with truth and prediction beside the measurement.
 fn error(course: &Course) -> Plot {
     let goal = course.config.target.goal_mm;
-    let seen = |mm: f64| mm.max(LEAST_ERROR_MM);
+    // Without a target there is no distance: a gap.
+    let seen = |mm: f64| {
+        if mm > 0.0 {
+            mm.max(LEAST_ERROR_MM)
+        } else {
+            f64::NAN
+        }
+    };
     let mut plot = chart(
         "Distance of the target from the tip axis (Fig. 3)",
         "[mm]",
@@ -196,7 +205,7 @@ fn steering(course: &Course) -> Plot {
         plot.add_trace(
             Scatter::new(times, levels)
                 .mode(Mode::Markers)
-                .marker(Marker::new().size(5))
+                .marker(Marker::new().size(5).color(COLOURS[k % COLOURS.len()]))
                 .name(mode.as_str()),
         );
     }
@@ -277,9 +286,7 @@ pub(super) fn times(times: &[f64]) -> Plot {
             .n_bins_x(80)
             .marker(Marker::new().color(BLUE)),
     );
-    let title = format!(
-        "Time of a step, replayed on this machine: median {median:.0} µs, 99 % {p99:.0} µs"
-    );
+    let title = format!("Time of a step, replayed: median {median:.0} µs, 99 % {p99:.0} µs");
     plot.set_layout(layout(&title, "[µs]", "steps"));
     plot
 }

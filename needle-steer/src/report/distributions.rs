@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use plotly::box_plot::BoxPoints;
-use plotly::common::{ColorScale, ColorScalePalette, Marker, Mode};
-use plotly::layout::{Axis, AxisType};
+use plotly::common::{ColorScale, ColorScalePalette, DashType, Marker, Mode};
+use plotly::layout::{Axis, AxisType, Shape, ShapeLine, ShapeType};
 use plotly::{BoxPlot, Plot, Scatter};
 use serde::Deserialize;
 
-use super::charts::{BLUE, GREEN, GREY, ORANGE, RED, layout};
+use super::charts::{BLUE, COLOURS, GREY, LEAST_ERROR_MM, RED, layout};
 use super::{Page, ReportError};
 use crate::campaign::compare::conclude;
 use crate::campaign::ledger::collect;
@@ -32,12 +32,24 @@ pub(super) fn campaign(folder: &Path) -> Result<Page, ReportError> {
         found.finished, found.runs, found.failed, plan.success_mm
     ));
     page.heading("Distributions");
-    page.plot("errors", 420, &errors(&rows));
-    page.plot("stretch", 420, &stretches(&rows));
+    page.explained(
+        "errors",
+        420,
+        &errors(&plan, &rows),
+        "Each box holds the middle half of the seeds, its line is the median; whiskers reach to the last run \
+         within one and a half boxes, runs beyond are points. On a logarithmic scale, the largest error of a hit \
+         dotted.",
+    );
+    page.explained(
+        "stretch",
+        420,
+        &stretches(&plan, &rows),
+        "How far the shaft pushed the tissue aside at its worst moment. A law that hits by tearing is no better.",
+    );
     cells(&mut page, &found.cells);
     if !found.pairs.is_empty() {
         page.heading(&format!(
-            "Paired against `{}`, seed by seed",
+            "Paired against the law {}, seed by seed",
             plan.reference
         ));
         page.grid(
@@ -63,7 +75,11 @@ pub(super) fn campaign(folder: &Path) -> Result<Page, ReportError> {
                         range(p.interval_mm),
                         p.better.to_string(),
                         p.worse.to_string(),
-                        format!("{:.1e}", p.p_value),
+                        if p.p_value < 1e-3 {
+                            format!("{:.0e}", p.p_value)
+                        } else {
+                            format!("{:.3}", p.p_value)
+                        },
                     ]
                 })
                 .collect::<Vec<_>>(),
@@ -138,14 +154,23 @@ fn cells(page: &mut Page, cells: &[Cell]) {
     );
 }
 
-/// One box for each law, side by side at each phantom and target.
-fn boxes(rows: &[Row], title: &str, y: &str, value: impl Fn(&Row) -> Option<f64>) -> Plot {
-    let mut laws: BTreeMap<&str, (Vec<String>, Vec<f64>)> = BTreeMap::new();
+/// Places along the axis, and the value at each.
+type Column = (Vec<String>, Vec<f64>);
+
+/// One box for each law, in the campaign's order, side by side at each phantom and target.
+fn boxes(plan: &Plan, rows: &[Row], title: &str, value: impl Fn(&Row) -> Option<f64>) -> Plot {
+    let mut laws: Vec<(&str, Column)> = plan
+        .laws
+        .iter()
+        .map(|law| (law.as_str(), Column::default()))
+        .collect();
     let phantoms: std::collections::BTreeSet<&str> =
         rows.iter().map(|row| row.phantom.as_str()).collect();
     for row in rows {
         let Some(value) = value(row) else { continue };
-        let (places, values) = laws.entry(&row.law).or_default();
+        let Some((_, (places, values))) = laws.iter_mut().find(|(law, _)| *law == row.law) else {
+            continue;
+        };
         places.push(if phantoms.len() > 1 {
             format!("{}, {}", row.phantom, row.target)
         } else {
@@ -154,10 +179,7 @@ fn boxes(rows: &[Row], title: &str, y: &str, value: impl Fn(&Row) -> Option<f64>
         values.push(value);
     }
     let mut plot = Plot::new();
-    for ((law, (places, values)), colour) in laws
-        .into_iter()
-        .zip([BLUE, ORANGE, GREEN, RED, GREY].iter().cycle())
-    {
+    for ((law, (places, values)), colour) in laws.into_iter().zip(COLOURS.iter().cycle()) {
         plot.add_trace(
             BoxPlot::new_xy(places, values)
                 .name(law)
@@ -167,19 +189,38 @@ fn boxes(rows: &[Row], title: &str, y: &str, value: impl Fn(&Row) -> Option<f64>
     }
     plot.set_layout(
         layout(title, "", "")
-            .x_axis(Axis::new().type_(AxisType::Category))
-            .y_axis(Axis::new().title(y).zero_line(true))
+            .x_axis(Axis::new().type_(AxisType::Category).auto_margin(true))
+            .y_axis(Axis::new().title("[mm]").zero_line(true))
             .box_mode(plotly::layout::BoxMode::Group),
     );
     plot
 }
 
-fn errors(rows: &[Row]) -> Plot {
-    boxes(rows, "True lateral error", "[mm]", |row| row.true_error_mm)
+fn errors(plan: &Plan, rows: &[Row]) -> Plot {
+    let title = "True lateral error";
+    let mut plot = boxes(plan, rows, title, |row| {
+        row.true_error_mm.map(|mm| mm.max(LEAST_ERROR_MM))
+    });
+    let hit = Shape::new()
+        .shape_type(ShapeType::Line)
+        .x_ref("paper")
+        .x0(0.0)
+        .x1(1.0)
+        .y_ref("y")
+        .y0(plan.success_mm)
+        .y1(plan.success_mm)
+        .line(ShapeLine::new().color(GREY).width(1.0).dash(DashType::Dot));
+    let layout = plot.layout().clone();
+    plot.set_layout(
+        layout
+            .y_axis(Axis::new().title("[mm]").type_(AxisType::Log))
+            .shapes(vec![hit]),
+    );
+    plot
 }
 
-fn stretches(rows: &[Row]) -> Plot {
-    boxes(rows, "Largest true tissue displacement", "[mm]", |row| {
+fn stretches(plan: &Plan, rows: &[Row]) -> Plot {
+    boxes(plan, rows, "Largest true tissue displacement", |row| {
         (!row.is_failed()).then_some(row.max_stretch_mm)
     })
 }

@@ -15,7 +15,7 @@ pub struct Page {
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:1240px;\
 margin:2em auto;padding:0 1em}h1{font-size:1.5em}h2{font-size:1.15em;margin-top:2em;clear:both}\
-table{border-collapse:collapse;margin:1em 0}td,th{padding:.2em 1em .2em 0;text-align:left;\
+.scroll{overflow-x:auto}table.grid td,table.grid th{white-space:nowrap}table{border-collapse:collapse;margin:1em 0}td,th{padding:.2em 1em .2em 0;text-align:left;\
 border-bottom:1px solid #ddd;vertical-align:top}td.n{text-align:right}\
 pre{background:#f6f6f6;padding:1em;overflow:auto}.chart{display:inline-block;width:49%;\
 vertical-align:top}.note{margin:0 1.5em 1.5em 0;font-size:13px;color:#555}.wide{display:block;width:100%}figure{display:inline-block;margin:.5em;\
@@ -52,7 +52,13 @@ impl Page {
 
     /// A table with a heading for each column; a value that is a number stands on the right.
     pub fn grid(&mut self, columns: &[&str], rows: &[Vec<String>]) {
-        self.body.push_str("<table>\n");
+        // What stands under headings is short; on a narrow screen it is scrolled, not broken.
+        let class = if columns.is_empty() {
+            ""
+        } else {
+            " class=\"grid\""
+        };
+        let _ = writeln!(self.body, "<div class=\"scroll\"><table{class}>");
         if !columns.is_empty() {
             self.body.push_str("<tr>");
             for column in columns {
@@ -72,7 +78,7 @@ impl Page {
             }
             self.body.push_str("</tr>\n");
         }
-        self.body.push_str("</table>\n");
+        self.body.push_str("</table></div>\n");
     }
 
     /// A text that is shown on demand.

@@ -164,7 +164,7 @@ fn layout(course: &Course) -> Layout {
         .aspect_ratio(AspectRatio::new().x(1.0).y(1.0).z(TALL))
         .camera(
             Camera::new()
-                .eye(Eye::from((1.25, 1.0, 0.3)))
+                .eye(Eye::from((1.7, 1.36, 0.4)))
                 .center(CameraCenter::from((0.0, 0.0, -0.1))),
         );
     Layout::new()

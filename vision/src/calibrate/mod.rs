@@ -17,12 +17,16 @@ pub use mono::{BoardView, MonoCalibration, calibrate_mono};
 pub use rectify::{Rectification, RectifiedDy, rectified_dy, rectify};
 pub use stereo::{
     BoardPair, CalibrationError, Influence, RejectReason, Rejected, StereoCalibration,
-    StereoOptions, ViewFit, calibrate_stereo,
+    StereoOptions, ViewFit, assumed_covariance, calibrate_stereo,
 };
 
 use nalgebra::Point2;
 
 use crate::detect::{BoardKind, BoardSize};
+
+/// Sides that a board's squares have \[mm\]: from those under a microscope to those on a wall. A side
+/// outside is most likely in another unit.
+pub const SQUARES_MM: (f64, f64) = (0.2, 500.0);
 
 /// How a board's points lie.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

@@ -18,6 +18,7 @@ pub use opencv::{StereoFile, read_stereo, stereo_yml};
 pub use overlay::write_overlay;
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// A file that could not be read or written.
@@ -30,6 +31,16 @@ pub enum FileError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// A file that would be written is there already.
+    #[error(
+        "{}: is there already, of an earlier command, and nothing is written over; name another \
+         folder or file",
+        path.display()
+    )]
+    Exists {
+        /// The file.
+        path: PathBuf,
     },
     /// The file is no image, or of an unknown kind.
     #[error("{}: not a readable image: {source}", path.display())]
@@ -56,7 +67,13 @@ pub enum FileError {
         source: yaml_rust2::ScanError,
     },
     /// The file is no JSON of the expected form.
-    #[error("{}: {source}", path.display())]
+    #[error(
+        "{}:{}:{}: not the JSON that is expected: {}",
+        path.display(),
+        source.line(),
+        source.column(),
+        without_place(&source.to_string())
+    )]
     Json {
         /// The file.
         path: PathBuf,
@@ -181,11 +198,12 @@ pub enum FileError {
     },
 }
 
-/// Writes whole files or none: each text first goes to a file beside its place, and only when
+/// Writes whole new files or none (an empty file counts as none): each text first goes to a file beside its place, and only when
 /// all are on disk do they take their names.
 ///
 /// # Errors
-/// The system refused; nothing has been written over then.
+/// One of them is there already, or the system refused; nothing has been written over, and none of
+/// them is left.
 pub fn write_all(files: &[(PathBuf, String)]) -> Result<(), FileError> {
     let aside = |path: &Path| {
         let mut name = path.as_os_str().to_owned();
@@ -196,19 +214,54 @@ pub fn write_all(files: &[(PathBuf, String)]) -> Result<(), FileError> {
         let path = path.to_owned();
         move |source| FileError::Io { path, source }
     };
-    let written = files
-        .iter()
-        .try_for_each(|(path, text)| fs::write(aside(path), text).map_err(refused(path)));
-    if written.is_err() {
+    let exists = |path: &Path| FileError::Exists {
+        path: path.to_owned(),
+    };
+    if let Some((path, _)) = files.iter().find(|(path, _)| holds(path)) {
+        return Err(exists(path));
+    }
+    // Names taken so far.
+    let mut taken: Vec<&Path> = Vec::new();
+    let mut write = || -> Result<(), FileError> {
+        for (path, text) in files {
+            fs::write(aside(path), text).map_err(refused(path))?;
+        }
         for (path, _) in files {
-            // What was never written cannot be removed.
+            let mut new = fs::OpenOptions::new();
+            match new.write(true).create_new(true).open(path) {
+                Ok(_) => taken.push(path),
+                Err(e) if e.kind() == ErrorKind::AlreadyExists => {
+                    if holds(path) {
+                        return Err(exists(path));
+                    }
+                }
+                Err(e) => return Err(refused(path)(e)),
+            }
+            fs::rename(aside(path), path).map_err(refused(path))?;
+        }
+        Ok(())
+    };
+    let written = write();
+    if written.is_err() {
+        // What was never written cannot be removed.
+        for (path, _) in files {
             let _ = fs::remove_file(aside(path));
         }
-        return written;
+        for path in taken {
+            let _ = fs::remove_file(path);
+        }
     }
-    files
-        .iter()
-        .try_for_each(|(path, _)| fs::rename(aside(path), path).map_err(refused(path)))
+    written
+}
+
+/// What a parser says, less the line and column that are told before.
+fn without_place(said: &str) -> &str {
+    said.rfind(" at line ").map_or(said, |end| &said[..end])
+}
+
+/// Whether something is there that would be lost: an empty file, as `mktemp` makes, is nothing.
+fn holds(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|found| !found.is_file() || found.len() > 0)
 }
 
 /// A number with all its digits; with a point as OpenCV's reader needs it, and a sign before the

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Matrix3, Matrix4, Point2, Point3, Rotation3, UnitQuate
 use serde::{Deserialize, Serialize};
 
 use super::{RecordedPose, Registration, RegistrationOptions, Target};
-use crate::calibrate::{Board, Layout};
+use crate::calibrate::{Board, Layout, SQUARES_MM};
 use crate::detect::BoardSize;
 use crate::files::FileError;
 
@@ -86,6 +86,9 @@ pub struct RegistrationFile {
     pub epipolar_rms_px: f64,
     /// Residual of each pose.
     pub residuals_mm: Vec<f64>,
+    /// Whether the calibration's own errors were not known, and those of an ordinary one assumed.
+    #[serde(default)]
+    pub calibration_assumed: bool,
 }
 
 /// Reads recorded poses: the target, the poses, and the assumed errors.
@@ -96,6 +99,7 @@ pub fn read_poses(
     path: &Path,
 ) -> Result<(Target, Vec<RecordedPose>, RegistrationOptions), FileError> {
     let file: PosesFile = read_json(path)?;
+    plausible(path, &file)?;
     let target = match file.target {
         TargetEntry::Point { flange_m: None } => Target::Point,
         TargetEntry::Point {
@@ -144,6 +148,66 @@ pub fn read_poses(
     Ok((target, poses, options))
 }
 
+/// Longest way from World's origin to an arm's flange \[m\].
+const FARTHEST_FLANGE: f64 = 20.0;
+/// Longest way from a flange to what it carries \[m\].
+const FARTHEST_POINT: f64 = 3.0;
+/// No arm is known better \[mm\], \[mrad\].
+const LEAST_SIGMA: f64 = 1e-3;
+
+/// Lengths that can only be of another unit than the file's.
+fn plausible(path: &Path, file: &PosesFile) -> Result<(), FileError> {
+    let wrong = |key: String, expected: String| {
+        let path = path.to_owned();
+        Err(FileError::Key {
+            path,
+            key,
+            expected,
+        })
+    };
+    let (least, most) = SQUARES_MM;
+    match file.target {
+        TargetEntry::Board { square_mm, .. } if !(least..=most).contains(&square_mm) => {
+            let expected = format!("millimetres from {least} to {most}, found {square_mm}");
+            return wrong("target.board.square_mm".to_owned(), expected);
+        }
+        TargetEntry::Point { flange_m: Some(p) } if norm(&p) > FARTHEST_POINT => {
+            let expected = format!("metres, found a point {:.0} m from the flange", norm(&p));
+            return wrong("target.point.flange_m".to_owned(), expected);
+        }
+        _ => {}
+    }
+    let sigmas = [
+        ("arm_position_sigma_mm", file.arm_position_sigma_mm),
+        ("arm_rotation_sigma_mrad", file.arm_rotation_sigma_mrad),
+    ];
+    for (key, sigma) in sigmas {
+        if let Some(sigma) = sigma.filter(|s| *s > 0.0 && *s < LEAST_SIGMA) {
+            let unit = if key.ends_with("_mm") {
+                "millimetres"
+            } else {
+                "milliradians"
+            };
+            let expected = format!("{unit}, {LEAST_SIGMA} and more, found {sigma}");
+            return wrong(key.to_owned(), expected);
+        }
+    }
+    for pose in &file.poses {
+        let place = pose.world_from_flange.map(|row| row[3]);
+        let away = norm(&[place[0], place[1], place[2]]);
+        if away > FARTHEST_FLANGE {
+            let key = format!("poses.{}.world_from_flange", pose.name);
+            let expected = format!("metres, found a flange {away:.0} m from World's origin");
+            return wrong(key, expected);
+        }
+    }
+    Ok(())
+}
+
+fn norm(place: &[f64; 3]) -> f64 {
+    place.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
 /// Reads a registration.
 ///
 /// # Errors
@@ -184,6 +248,7 @@ impl RegistrationFile {
             chi2_per_freedom: registration.chi2_per_freedom,
             epipolar_rms_px: registration.epipolar_rms_px,
             residuals_mm: registration.residuals.iter().map(|r| r * 1e3).collect(),
+            calibration_assumed: false,
         }
     }
 

@@ -13,7 +13,7 @@ mod start;
 pub use file::{
     PoseEntry, PosesFile, RegistrationFile, TargetEntry, read_poses, read_registration,
 };
-pub use solve::register;
+pub use solve::{assumed_calibration, register};
 pub use start::kabsch;
 
 use hal::frame::{Flange, LeftCamera, World};

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, UnitQuaternion, Vec
 use super::measure::{Measured, board, point};
 use super::start::{hand_eye, kabsch, point_on_flange};
 use super::{RecordedPose, Registration, RegistrationError, RegistrationOptions, Target};
+use crate::calibrate::assumed_covariance;
 use crate::camera::StereoRig;
 
 /// Registers the cameras to the arm.
@@ -77,6 +78,27 @@ pub fn register(
         chi2_per_freedom,
         epipolar_rms_px: (square / freedom).sqrt(),
     })
+}
+
+/// Covariance of an ordinary calibration of `rig` by boards where the poses' targets were seen, their
+/// corners as exact as the poses' pixels, for [`register`] where the calibration's own is not known.
+///
+/// # Errors
+/// As [`register`], where the poses cannot be measured.
+pub fn assumed_calibration(
+    rig: &StereoRig,
+    target: &Target,
+    poses: &[RecordedPose],
+    options: &RegistrationOptions,
+) -> Result<Option<DMatrix<f64>>, RegistrationError> {
+    check(target, poses, options)?;
+    let seen = measure(rig, target, poses, options)?;
+    let sum: Vector3<f64> = seen
+        .iter()
+        .map(|m| m.left_from_target.translation.vector)
+        .sum();
+    let centre = Point3::from(sum / seen.len().max(1) as f64);
+    Ok(assumed_covariance(rig, &centre, options.pixel_sigma_px))
 }
 
 fn check(

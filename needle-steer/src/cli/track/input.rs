@@ -10,6 +10,7 @@ use vision::{Camera, DistortedPx};
 
 use super::TrackArgs;
 use crate::cli::{Usage, calibration};
+use crate::config::in_other_unit;
 
 /// One needle, seen by two cameras or by one.
 pub(super) enum Tracker {
@@ -120,6 +121,9 @@ fn left_camera(args: &TrackArgs, size: (usize, usize)) -> Result<Camera, Usage> 
     }
 }
 
+/// Distances at which a camera sees a needle \[mm\].
+const SIGHT_MM: (f64, f64) = (5.0, 10_000.0);
+
 /// A point [mm] and a normal in the camera's frame.
 fn plane(text: &str, sigma_mm: f64) -> Result<Plane, Usage> {
     let wrong = || {
@@ -133,6 +137,15 @@ fn plane(text: &str, sigma_mm: f64) -> Result<Plane, Usage> {
     let Some(&[x, y, z, nx, ny, nz]) = numbers.as_deref() else {
         return Err(wrong());
     };
+    let away = Vector3::new(x, y, z).norm();
+    let (least, most) = SIGHT_MM;
+    if away.is_finite() && z > 0.0 && !(least..=most).contains(&away) {
+        return Err(Usage(format!(
+            "--plane {text}: its point is {away} mm from the camera, expected millimetres from {least} to \
+             {most}{}",
+            in_other_unit(away, least, most)
+        )));
+    }
     let point = Vector3::new(x, y, z) * 1e-3;
     let normal = Unit::try_new(Vector3::new(nx, ny, nz), 1e-9).ok_or_else(wrong)?;
     let finite = point.iter().chain(normal.iter()).all(|v| v.is_finite());
@@ -162,12 +175,17 @@ fn appearance(args: &TrackArgs) -> Result<Appearance, Usage> {
             return Ok(value * 1e-3);
         }
         Err(Usage(format!(
-            "--{option} {value}: expected millimetres from {lowest} to {highest}"
+            "--{option} {value}: expected millimetres from {lowest} to {highest}{}",
+            in_other_unit(value, lowest, highest)
         )))
     };
     Ok(Appearance {
         diameter: millimetres("diameter-mm", args.diameter_mm, 0.05, 10.0)?,
-        bevel_length: millimetres("bevel-mm", args.bevel_mm, 0.0, 20.0)?,
+        bevel_length: if args.bevel_mm == 0.0 {
+            0.0
+        } else {
+            millimetres("bevel-mm", args.bevel_mm, 0.05, 20.0)?
+        },
     })
 }
 

@@ -388,3 +388,17 @@ fn a_thousand_mutated_tables_read_or_say_what_is_wrong() {
     }
     assert!(sound > 10 && wrong > 500, "{sound} read, {wrong} refused");
 }
+
+#[test]
+fn recordings_in_a_form_of_their_own_name_the_way() {
+    for (name, header) in [
+        (
+            "topics.csv",
+            "Timestamp sec,Timestamp nanosec,AuroraTip x,AuroraTip y",
+        ),
+        ("many.csv", "date,trial,step,t_s,guide_x_mm,tip_x_mm"),
+    ] {
+        let problem = refused(name, &format!("{header}\n"));
+        assert!(problem.contains("REAL_NEEDLES.md"), "{problem}");
+    }
+}

@@ -1,9 +1,11 @@
 //! From labelled corners of both cameras to a calibrated rig.
 
+mod assumed;
 mod joint;
 mod outcome;
 mod reject;
 
+pub use assumed::assumed_covariance;
 pub use outcome::{Influence, RejectReason, Rejected, StereoCalibration, ViewFit};
 
 pub(super) use reject::{plain, too_many};

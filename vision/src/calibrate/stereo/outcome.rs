@@ -260,7 +260,7 @@ pub(super) fn outcome(
 }
 
 /// Which of the joint fit's parameters the lens models use, and the six of the relative pose.
-fn used_parameters(rig: &StereoRig) -> Vec<usize> {
+pub(super) fn used_parameters(rig: &StereoRig) -> Vec<usize> {
     let left = rig.left.distortion.model.used().iter().copied();
     let right = rig.right.distortion.model.used().iter();
     left.chain(right.map(|k| INTRINSICS + k))

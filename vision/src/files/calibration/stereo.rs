@@ -17,6 +17,9 @@ use crate::files::{FileError, StereoFile};
 /// Baselines that cameras on a bench have \[m\]; others are most likely lengths in another unit.
 const PLAUSIBLE_BASELINE: core::ops::RangeInclusive<f64> = 1e-3..=2.0;
 
+/// The same where the unit was given: wider, as it is meant.
+const POSSIBLE_BASELINE: core::ops::RangeInclusive<f64> = 1e-4..=20.0;
+
 /// Reads a rig.
 pub(super) fn read(keys: &Keys, options: &ReadOptions) -> Result<ReadCalibration, FileError> {
     let sides = sides(keys)?;
@@ -356,10 +359,21 @@ fn plausible(
     options: &ReadOptions,
 ) -> Result<(), FileError> {
     let baseline_m = pose.translation.vector.norm();
-    if options.unit.is_some() && baseline_m > 0.0 || PLAUSIBLE_BASELINE.contains(&baseline_m) {
+    let expected = if options.unit.is_some() {
+        POSSIBLE_BASELINE
+    } else {
+        PLAUSIBLE_BASELINE
+    };
+    if expected.contains(&baseline_m) {
         return Ok(());
     }
-    let remedy = if baseline_m < 1e-9 {
+    let remedy = if let Some(unit) = options.unit.filter(|_| baseline_m > 1e-9) {
+        format!(
+            "with the unit that was given, {} mm: --unit-mm (cameras.unit_mm in a configuration) is how many \
+             millimetres one of the file's lengths is, 1 for millimetres and 1000 for metres",
+            unit * 1e3
+        )
+    } else if baseline_m < 1e-9 {
         "both cameras stand at one place: give the files of a stereo calibration, not of two \
          single ones"
             .to_owned()
