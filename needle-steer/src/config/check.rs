@@ -8,7 +8,7 @@ use super::{
 };
 
 /// The value lies in `low..=high`.
-fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
+pub(super) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
     if value >= low && value <= high {
         return Ok(());
     }
@@ -19,7 +19,7 @@ fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
 }
 
 /// The value is above zero and at most `high`.
-fn positive(key: &str, value: f64, high: f64) -> Result<(), Invalid> {
+pub(super) fn positive(key: &str, value: f64, high: f64) -> Result<(), Invalid> {
     if value > 0.0 && value <= high {
         return Ok(());
     }
@@ -57,6 +57,7 @@ impl Config {
         self.validate_arm()?;
         self.validate_ros()?;
         self.validate_remote()?;
+        self.validate_fbg()?;
         self.validate_limits()?;
         self.validate_law_limits()
     }
@@ -152,7 +153,7 @@ impl Config {
                 "a hand pushes the needle through a guide: expected needle.support = \"guide\"",
             ),
             (
-                self.run.sensor != SensorKind::Images,
+                !matches!(self.run.sensor, SensorKind::Images | SensorKind::Fbg),
                 "the advance of a hand is measured by a sensor of the tip: expected run.sensor = \"em\" or \
                  \"shape\"",
             ),

@@ -4,6 +4,7 @@
 
 mod check;
 mod em;
+mod fbg;
 mod igtl;
 mod insertion;
 mod live;
@@ -21,6 +22,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 pub use em::Em;
+pub use fbg::{Fbg, LocationsFrom};
 pub use igtl::{Igtl, IgtlCoordinates, IgtlVersion, UnknownVersion};
 pub use insertion::{Insertion, InsertionBy};
 pub use live::Live;
@@ -73,6 +75,8 @@ pub struct Config {
     pub tracker: Tracker,
     /// The electromagnetic tip, for the sensor `em`.
     pub em: Em,
+    /// Fibre Bragg gratings, for the sensor `fbg`.
+    pub fbg: Fbg,
     /// The live view: what is shown, and what is asked.
     pub live: Live,
     /// Limits that every law keeps.
@@ -201,6 +205,8 @@ pub enum SensorKind {
     Shape,
     /// The tip alone, from an electromagnetic sensor in it: place and axis, no point of the shaft.
     Em,
+    /// Fibre Bragg gratings in the needle: its shape from the base on, by how it bends.
+    Fbg,
 }
 
 /// What to run.
