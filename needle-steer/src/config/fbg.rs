@@ -37,6 +37,10 @@ pub struct Fbg {
     pub roll_deg: f64,
     /// Standard deviation of that \[deg\].
     pub roll_sigma_deg: f64,
+    /// By how much the needle follows its encoders late: with a needle that spins, fibres turn meanwhile \[ms\].
+    pub lag_ms: f64,
+    /// Standard deviation of that \[ms\].
+    pub lag_sigma_ms: f64,
     /// White noise of a wavelength \[pm\].
     pub noise_pm: f64,
     /// Lasting error of a wavelength \[pm\].
@@ -66,12 +70,14 @@ impl Default for Fbg {
             wavelength_nm: 1550.0,
             roll_deg: 0.0,
             roll_sigma_deg: 1.4,
+            lag_ms: 12.0,
+            lag_sigma_ms: 4.0,
             noise_pm: 2.0,
             drift_pm: 2.0,
             gain_sigma: 0.03,
             curvature_sigma_per_m: 2.0,
             curvature_length_mm: 30.0,
-            lasting: false,
+            lasting: true,
             natural_curvature_per_m: [0.0, 0.0],
         }
     }
@@ -85,6 +91,8 @@ impl Config {
         within("fbg.wavelength_nm", fbg.wavelength_nm, 400.0, 2500.0)?;
         within("fbg.roll_deg", fbg.roll_deg, -360.0, 360.0)?;
         within("fbg.roll_sigma_deg", fbg.roll_sigma_deg, 0.0, 90.0)?;
+        within("fbg.lag_ms", fbg.lag_ms, 0.0, 200.0)?;
+        within("fbg.lag_sigma_ms", fbg.lag_sigma_ms, 0.0, 200.0)?;
         positive("fbg.noise_pm", fbg.noise_pm, 1000.0)?;
         within("fbg.drift_pm", fbg.drift_pm, 0.0, 1000.0)?;
         within("fbg.gain_sigma", fbg.gain_sigma, 0.0, 0.5)?;

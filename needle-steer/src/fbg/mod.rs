@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use hal::frame::{ArmBase, LeftCamera, World};
 use hal::{
     Arm, ArmDescription, ArmState, Error, FibreSensor, Position, RateCommand, SensedPoint,
-    SensedShape, SensedTip, ShapeSensor, Transform, WavelengthShifts,
+    SensedShape, SensedTip, ShapeSensor, Stamp, Transform, WavelengthShifts,
 };
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
 use robots::kinematics::Chain;
@@ -27,6 +27,8 @@ use crate::odometry::Odometry;
 
 /// Poses kept: more than a second at any arm's rate.
 const POSES: usize = 256;
+/// Time over which the needle's spin is told \[s\]: a few periods of an arm.
+const SPIN: f64 = 0.05;
 /// Standard deviation of the tip along its axis \[m\]: a needle does not get longer, and how far it is bent is
 /// known to a few hundredths of a millimetre of its shortening.
 const ALONG: f64 = 0.1e-3;
@@ -75,6 +77,8 @@ pub enum FibreError {
 pub(crate) struct Fibres {
     shape: Arc<FibreShape>,
     poses: Arc<Mutex<Odometry>>,
+    /// By how much the needle follows the encoders late, and the standard deviation of that \[s\].
+    lag: (f64, f64),
     /// A point of the surface, and the direction into the tissue.
     surface: (Point3<f64>, Unit<Vector3<f64>>),
 }
@@ -88,6 +92,7 @@ impl Fibres {
         Ok(Self {
             shape: Arc::new(FibreShape::of(config)?),
             poses: Arc::new(Mutex::new(Odometry::new(POSES))),
+            lag: (config.fbg.lag_ms * 1e-3, config.fbg.lag_sigma_ms * 1e-3),
             surface: (config.entry(), config.inward()),
         })
     }
@@ -181,12 +186,18 @@ impl FibreEyes {
     /// The shape of a reading; nothing where a grating was not read or the base's pose is not known.
     fn place(&mut self, reading: &WavelengthShifts) -> Option<SensedShape> {
         let poses = &self.fibres.poses;
-        let base = {
+        let lag = self.fibres.lag;
+        let then = Stamp::from_secs((reading.stamp.as_secs() - lag.0).max(0.0));
+        let (base, spin) = {
             let poses = poses.lock().unwrap_or_else(PoisonError::into_inner);
-            poses.at(reading.stamp)?
+            let before = Stamp::from_secs((then.as_secs() - SPIN).max(0.0));
+            let base = poses.at(then)?;
+            let turn = poses.at(before)?.rotation.inverse() * base.rotation;
+            (base, turn.scaled_axis().z / SPIN)
         };
         let bent = &mut self.bent;
-        self.fibres.shape.bend(&reading.shifts_nm, bent)?;
+        let shape = &self.fibres.shape;
+        shape.bend(&reading.shifts_nm, spin * lag.1, bent)?;
         let left_from_base = self.left_from_world.isometry() * base;
         let place = |p: &Point3<f64>| Position::new(left_from_base * p);
         let (surface, inward) = &self.fibres.surface;
@@ -236,7 +247,7 @@ pub(crate) fn shown(
     base: &Isometry3<f64>,
 ) -> Option<Point3<f64>> {
     let mut bent = Bent::default();
-    shape.bend(shifts, &mut bent)?;
+    shape.bend(shifts, 0.0, &mut bent)?;
     Some(base * bent.tip)
 }
 

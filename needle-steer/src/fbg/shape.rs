@@ -184,8 +184,9 @@ impl FibreShape {
         }
     }
 
-    /// The shape by a reading's shifts \[nm\]; nothing where a grating was not read.
-    pub fn bend(&self, shifts_nm: &[f64], bent: &mut Bent) -> Option<()> {
+    /// The shape by a reading's shifts \[nm\], where the fibres' frame is turned by what has a standard deviation
+    /// of `turned` \[rad\] in this reading; nothing where a grating was not read.
+    pub fn bend(&self, shifts_nm: &[f64], turned: f64, bent: &mut Bent) -> Option<()> {
         let areas = self.calibration.areas.len();
         if shifts_nm.len() != areas * self.calibration.channels {
             return None;
@@ -199,12 +200,12 @@ impl FibreShape {
             );
             bent.curvature.push(turn);
         }
-        self.integrate(bent);
+        self.integrate(turned, bent);
         Some(())
     }
 
     /// Turns step by step from the base to the tip.
-    fn integrate(&self, bent: &mut Bent) {
+    fn integrate(&self, turned: f64, bent: &mut Bent) {
         let into_needle = Rotation2::new(self.roll.0);
         let at = |k: usize| -> Vector2<f64> {
             let row = self.weights.row(k);
@@ -224,18 +225,24 @@ impl FibreShape {
             rotation *= half;
             before = after;
             if let Some((_, point)) = told.next_if(|(at, _)| *at == k) {
-                let sigma = point.sigma(&bent.square, self.roll.1 * place.xy().norm());
+                let roll = self.roll.1.hypot(turned);
+                let sigma = point.sigma(&bent.square, roll * place.xy().norm());
                 bent.points.push((place.into(), sigma));
             }
         }
         let direction = rotation * Vector3::z();
+        // What turns the frame in this reading alone does not last.
+        let by_turn = [place, direction].map(|v| v.xy().norm());
         (bent.tip_sigma, bent.direction_sigma) = if self.lasting {
-            (self.tip.white(&self.noise), self.slope.white(&self.noise))
-        } else {
-            let by_roll = [place, direction].map(|v| self.roll.1 * v.xy().norm());
             (
-                self.tip.sigma(&bent.square, by_roll[0]),
-                self.slope.sigma(&bent.square, by_roll[1]),
+                self.tip.white(&self.noise).hypot(turned * by_turn[0]),
+                self.slope.white(&self.noise).hypot(turned * by_turn[1]),
+            )
+        } else {
+            let roll = self.roll.1.hypot(turned);
+            (
+                self.tip.sigma(&bent.square, roll * by_turn[0]),
+                self.slope.sigma(&bent.square, roll * by_turn[1]),
             )
         };
         (bent.tip, bent.direction) = (place.into(), Unit::new_normalize(direction));
@@ -372,7 +379,7 @@ mod tests {
         let (curvature, mut bent) = (2.0, Bent::default());
         // Constant but for the end, where nothing bends it.
         let turn = |from_tip: f64| Vector2::new(curvature * (from_tip / 3e-3).min(1.0), 0.0);
-        fibres.bend(&shifts(&fibres, turn), &mut bent).unwrap();
+        fibres.bend(&shifts(&fibres, turn), 0.0, &mut bent).unwrap();
         let angle = curvature * LENGTH;
         let expected = Vector3::new(0.0, angle.cos() - 1.0, angle.sin()) / curvature;
         // The end's 3 mm turn by 3 mrad less, with a lever of 1 mm.
@@ -380,7 +387,9 @@ mod tests {
         assert!((bent.direction.y + angle.sin()).abs() < 5e-3);
         // A turned frame turns the shape.
         let quarter = self::fibres(&dense(), |fbg| fbg.roll_deg = 90.0);
-        quarter.bend(&shifts(&quarter, turn), &mut bent).unwrap();
+        quarter
+            .bend(&shifts(&quarter, turn), 0.0, &mut bent)
+            .unwrap();
         assert!((bent.tip.x - -expected.y).abs() < 5e-5, "{}", bent.tip);
     }
 
@@ -389,19 +398,21 @@ mod tests {
         let fibres = fibres(&dense(), |fbg| fbg.natural_curvature_per_m = [0.0, 1.0]);
         let mut bent = Bent::default();
         let shifts = shifts(&fibres, |_| Vector2::zeros());
-        fibres.bend(&shifts, &mut bent).unwrap();
+        fibres.bend(&shifts, 0.0, &mut bent).unwrap();
         assert!((bent.tip.x - (1.0 - LENGTH.cos())).abs() < 1e-6);
-        assert!(fibres.bend(&shifts[1..], &mut bent).is_none());
+        assert!(fibres.bend(&shifts[1..], 0.0, &mut bent).is_none());
         let mut unread = shifts;
         unread[4] = f64::NAN;
-        assert!(fibres.bend(&unread, &mut bent).is_none());
+        assert!(fibres.bend(&unread, 0.0, &mut bent).is_none());
     }
 
     /// Shapes drawn from the process itself, read with noise, drift and errors of calibration as told: the
     /// errors of points and tip have the spread that is said, from the base to the tip.
     #[test]
     fn errors_are_as_large_as_is_said() {
-        let fibres = fibres(&[100.0, 65.0, 30.0, 10.0], |fbg| fbg.noise_pm = 20.0);
+        let fibres = fibres(&[100.0, 65.0, 30.0, 10.0], |fbg| {
+            (fbg.noise_pm, fbg.lasting) = (20.0, false);
+        });
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let fbg = Fbg::default();
@@ -443,7 +454,7 @@ mod tests {
             for shift in &mut shifts {
                 *shift += 1e-3 * 20_f64.hypot(fbg.drift_pm) * normal();
             }
-            fibres.bend(&shifts, &mut bent).unwrap();
+            fibres.bend(&shifts, 0.0, &mut bent).unwrap();
             // The roll errs too, by a turn of all.
             let roll = Rotation2::new(fbg.roll_sigma_deg.to_radians() * normal());
             let shown = bent.points.iter().map(|(p, sigma)| (p.coords, *sigma));
