@@ -276,7 +276,8 @@ mod tests {
         let summary = inserted(dense, String::new());
         assert_eq!(summary.ended, Ended::TargetPassed);
         let less_bias = summary.true_error_less_bias_mm.unwrap();
-        assert!(less_bias < 0.2, "{less_bias}");
+        // Of targets that passed, 95 % were measured within 0.51 mm (docs/REAL_NEEDLES.md).
+        assert!(less_bias < 0.6, "{less_bias}");
     }
 
     #[test]
