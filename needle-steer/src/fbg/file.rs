@@ -52,17 +52,15 @@ pub(super) fn read(file: &Path, from: LocationsFrom) -> Result<Calibration, Fibr
 
 fn parse(document: &Map<String, Value>, from: LocationsFrom) -> Result<Calibration, Problem> {
     let channels = count(document, CHANNELS)?;
-    let central = match document.get(CENTRAL) {
-        None => None,
-        Some(_) => {
-            let central = count(document, CENTRAL)?;
-            if central > channels {
-                let problem = format!("expected a channel from 1 to {channels}, found {central}");
-                return Err((CENTRAL.to_owned(), problem));
-            }
-            Some(central - 1)
+    let mut central = None;
+    if document.contains_key(CENTRAL) {
+        let told = count(document, CENTRAL)?;
+        if told > channels {
+            let problem = format!("expected a channel from 1 to {channels}, found {told}");
+            return Err((CENTRAL.to_owned(), problem));
         }
-    };
+        central = Some(told - 1);
+    }
     let least = if central.is_some() { 4 } else { 3 };
     if channels < least {
         let problem = format!(
