@@ -4,9 +4,9 @@
 //! understand. Everything that crosses a seam between crates is defined here. In reading order:
 //!
 //! * What is measured: [`Stamp`] (time is data), [`Transform`] and [`Position`] between named frames,
-//!   [`Twist`], [`Joints`], [`GrayImage`], [`SensedShape`], [`SensedMarker`].
-//! * Devices: [`Arm`] with its contract, [`ShapeSensor`], [`StereoCamera`], [`MarkerSensor`]; what goes
-//!   wrong with them is an [`Error`].
+//!   [`Twist`], [`Joints`], [`GrayImage`], [`SensedShape`], [`WavelengthShifts`], [`SensedMarker`].
+//! * Devices: [`Arm`] with its contract, [`ShapeSensor`], [`FibreSensor`], [`StereoCamera`],
+//!   [`MarkerSensor`]; what goes wrong with them is an [`Error`].
 //! * What stands before an arm: [`Guard`], limits that downstream code cannot violate, of which
 //!   [`Limiter`] is the part for joints; [`Guarded`], any arm behind a guard; [`Recorded`], an arm whose
 //!   traffic is kept.
@@ -21,6 +21,7 @@
 
 pub mod arm;
 pub mod error;
+pub mod fibre;
 pub mod frame;
 pub mod guarded;
 pub mod image;
@@ -36,6 +37,7 @@ pub mod twist;
 
 pub use arm::{Arm, ArmDescription, ArmMode, ArmState, FaultReason, RateCommand};
 pub use error::{Error, ErrorKind};
+pub use fibre::{FibreSensor, WavelengthShifts};
 pub use frame::{Position, Transform};
 pub use guarded::{Guard, Guarded, Limiter};
 pub use image::{CameraFrame, GrayImage, StereoCamera, StereoFrame};

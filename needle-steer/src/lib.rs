@@ -34,6 +34,7 @@ pub mod remote;
 pub mod session;
 pub mod cameras;
 pub mod distortion;
+pub mod fbg;
 pub mod twin;
 pub mod clock;
 pub mod monitor;

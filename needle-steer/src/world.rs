@@ -5,14 +5,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use hal::frame::{ArmBase, LeftCamera, NeedleBase, World};
 use hal::telemetry::{TruthEvent, TruthReport};
 use hal::{
-    Error, Joints, MarkerSensor, Position, SensedMarker, SensedShape, ShapeSensor, Stamp,
-    StereoCamera, StereoFrame, Transform,
+    Error, FibreSensor, Joints, MarkerSensor, Position, SensedMarker, SensedShape, ShapeSensor,
+    Stamp, StereoCamera, StereoFrame, Transform, WavelengthShifts,
 };
 use nalgebra::Vector3;
 use phantom::{Bench, Event};
 use robots::kinematics::Chain;
 
 use crate::distortion::DistortionMap;
+use crate::fbg::{self, FibreShape};
 use crate::score::{GroundTruth, Score, Scoring, TrueFigures};
 
 /// What moves in the world: an arm whose true joints can be read at any time.
@@ -42,10 +43,13 @@ struct Inner {
     bench: Bench,
     stereo_from_world: Transform<LeftCamera, World>,
     score: Option<Score>,
-    /// The score of the tip as the field of an electromagnetic sensor shows it, without noise.
+    /// The score of the tip as a sensor with a lasting error shows it, without noise.
     apparent: Option<Score>,
     /// Map by which measurements of that sensor are corrected.
     map: Option<Arc<DistortionMap>>,
+    /// How fibres in the needle show its shape, and what they add to the tip's place at an exposure.
+    fibres: Option<Arc<FibreShape>>,
+    shown: Option<(Stamp, Vector3<f64>)>,
     /// Exposure whose events were taken last.
     newest: Stamp,
     /// Events since the last report.
@@ -75,6 +79,8 @@ impl SimulatedWorld {
             score: None,
             apparent: None,
             map: None,
+            fibres: None,
+            shown: None,
             newest: Stamp::ZERO,
             events: Vec::new(),
         })))
@@ -89,15 +95,20 @@ impl SimulatedWorld {
         self.lock().map = Some(map);
     }
 
+    /// Fibres in the needle are read by `shape`.
+    pub fn show_by(&self, shape: Arc<FibreShape>) {
+        self.lock().fibres = Some(shape);
+    }
+
     /// Moves everything on to `stamp`.
     pub fn advance_to(&self, stamp: Stamp) {
         let inner = &mut *self.lock();
         let joints = inner.body.advance_to(stamp);
         let base: Transform<ArmBase, NeedleBase> = Transform::assume(inner.chain.forward(&joints));
-        inner
-            .bench
-            .advance_to(stamp, &(inner.world_from_arm_base * base));
+        let base = inner.world_from_arm_base * base;
+        inner.bench.advance_to(stamp, &base);
         inner.note_events();
+        inner.note_shown(&base);
         let (marker, bias) = (inner.bench.marker(), inner.tip_bias());
         let truth = inner.bench.truth();
         let scores = [
@@ -129,6 +140,11 @@ impl SimulatedWorld {
         WorldSensor(self.clone())
     }
 
+    /// What reads the fibres of this world's needle.
+    pub fn fibre_sensor(&self) -> impl FibreSensor + use<> {
+        WorldSensor(self.clone())
+    }
+
     /// What sees the marker of this world.
     pub fn marker_sensor(&self) -> impl MarkerSensor + use<> {
         WorldSensor(self.clone())
@@ -141,9 +157,23 @@ impl SimulatedWorld {
 }
 
 impl Inner {
-    /// What the field of an electromagnetic tip adds to its place now, less what a map takes off
-    /// \[m\]; nothing with another sensor.
+    /// What fibres add to the tip's place at an exposure, with the base where encoders have it.
+    fn note_shown(&mut self, base: &Transform<World, NeedleBase>) {
+        let truth = self.bench.truth();
+        if self.shown.is_some_and(|(stamp, _)| stamp == truth.stamp) {
+            return;
+        }
+        let shown = self.fibres.as_ref().zip(self.bench.fibre_shifts());
+        let shown = shown.and_then(|(shape, shifts)| fbg::shown(shape, &shifts, base.isometry()));
+        self.shown = shown.map(|tip| (truth.stamp, tip.coords - truth.tip()));
+    }
+
+    /// What the sensor adds to the tip's place now, by its field less what a map takes off, or by all that
+    /// fibres hang on \[m\]; nothing with another sensor.
     fn tip_bias(&self) -> Option<Vector3<f64>> {
+        if let Some((_, bias)) = self.shown {
+            return Some(bias);
+        }
         let bias = self.bench.tip_bias()?;
         let measured = self.bench.truth().tip() + bias;
         let known = |map: &Arc<DistortionMap>| map.of_place(&measured.into());
@@ -249,6 +279,12 @@ struct WorldSensor(SimulatedWorld);
 impl ShapeSensor for WorldSensor {
     fn poll(&mut self) -> Result<Option<SensedShape>, Error> {
         ShapeSensor::poll(&mut self.0.lock().bench)
+    }
+}
+
+impl FibreSensor for WorldSensor {
+    fn poll(&mut self) -> Result<Option<WavelengthShifts>, Error> {
+        FibreSensor::poll(&mut self.0.lock().bench)
     }
 }
 

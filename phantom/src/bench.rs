@@ -1,12 +1,16 @@
 //! The laboratory bench: a plant, the robot's flaws and the sensors, moved by one clock.
 
 use hal::frame::{LeftCamera, NeedleBase, World};
-use hal::{SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform};
+use hal::{
+    FibreSensor, SensedShape, ShapeSensor, Stamp, StereoCamera, StereoFrame, Transform,
+    WavelengthShifts,
+};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::camera::StereoRig;
 use crate::continuum::ContinuumPlant;
 use crate::draw::Draw;
+use crate::fbg::{FibreArea, Gratings};
 use crate::marker::{MarkerSensor, SensedMarker};
 use crate::needle::RodPlant;
 use crate::plant::Plant;
@@ -41,6 +45,7 @@ pub struct Bench {
     robot: Robot,
     sensor: FastSensor,
     cameras: Option<StereoRig>,
+    fibres: Option<Gratings>,
     /// Where the marker is while the tissue is at rest, in World \[m\].
     marker: Option<Vector3<f64>>,
     marker_sensor: MarkerSensor,
@@ -109,6 +114,7 @@ impl Bench {
             robot,
             sensor: FastSensor::new(&settings.sensor, &setup.left_from_world, setup.seed),
             cameras: None,
+            fibres: None,
             marker: None,
             marker_sensor: MarkerSensor::new(&settings.sensor, &setup.left_from_world, setup.seed),
             draw,
@@ -134,6 +140,23 @@ impl Bench {
         self.sensor = FastSensor::em(&settings.em, &setup.left_from_world, setup.seed);
         self.expose();
         self
+    }
+
+    /// Puts fibres into the needle, their active areas from its base to its tip as a calibration has
+    /// them; they are read now.
+    #[must_use]
+    pub fn with_fibres(mut self, settings: &Settings, areas: &[FibreArea], seed: u64) -> Self {
+        let gratings = Gratings::new(&settings.fbg, areas, self.draw.azimuth, seed);
+        self.fibres = Some(gratings);
+        self.expose();
+        self
+    }
+
+    /// The shifts that an interrogator without noise reads now \[nm\]; nothing without fibres.
+    pub fn fibre_shifts(&self) -> Option<Vec<f64>> {
+        let base = self.robot.true_pose();
+        let fibres = self.fibres.as_ref()?;
+        Some(fibres.without_noise(&self.truth().needle, base.isometry()))
     }
 
     /// What the field of an electromagnetic sensor adds to the tip's place now, World \[m\]; nothing
@@ -247,10 +270,12 @@ impl Bench {
 
     fn next_exposure(&self) -> Stamp {
         let sensor = self.sensor.next_exposure();
-        match &self.cameras {
-            Some(cameras) => sensor.min(cameras.next_exposure()),
-            None => sensor,
-        }
+        let cameras = self.cameras.as_ref().map(StereoRig::next_exposure);
+        let fibres = self.fibres.as_ref().map(Gratings::next_exposure);
+        [cameras, fibres]
+            .into_iter()
+            .flatten()
+            .fold(sensor, Stamp::min)
     }
 
     /// Every sensor that is due at the present time looks at the needle.
@@ -269,12 +294,27 @@ impl Bench {
                 cameras.expose(view);
             }
         }
+        if let Some(fibres) = &mut self.fibres {
+            let base = self.robot.true_pose();
+            while fibres.next_exposure() <= self.now {
+                fibres.expose(view, base.isometry());
+            }
+        }
     }
 }
 
 impl ShapeSensor for Bench {
     fn poll(&mut self) -> Result<Option<SensedShape>, hal::Error> {
         Ok(self.sensor.poll(self.now))
+    }
+}
+
+impl FibreSensor for Bench {
+    fn poll(&mut self) -> Result<Option<WavelengthShifts>, hal::Error> {
+        Ok(self
+            .fibres
+            .as_mut()
+            .and_then(|fibres| fibres.poll(self.now)))
     }
 }
 

@@ -31,6 +31,9 @@ pub(crate) enum Purpose {
     Coil,
     InAir,
     Hand,
+    Fibres,
+    FibreNoise,
+    FibreDrops,
 }
 
 /// The generator of `seed` for one purpose.

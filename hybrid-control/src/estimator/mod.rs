@@ -467,7 +467,9 @@ impl Estimator {
         let due = self
             .last_fit
             .is_none_or(|last| o.stamp.secs_since(last) >= self.settings.stiffness_period_s);
-        if !due || o.shaft.len() < 4 || self.measured.path.tip_depth() < 8e-3 {
+        // A sensor whose errors last errs along the shaft as at the tip.
+        let lasting = self.start.tip_sensor.is_some();
+        if !due || lasting || o.shaft.len() < 4 || self.measured.path.tip_depth() < 8e-3 {
             return;
         }
         self.last_fit = Some(o.stamp);

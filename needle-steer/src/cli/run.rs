@@ -56,7 +56,7 @@ pub(super) struct RunArgs {
     /// Steering law [default: run.law, hybrid].
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(LAW_NAMES))]
     law: Option<String>,
-    /// What closes the loop: images, shape, em [default: run.sensor, images].
+    /// What closes the loop: images, shape, em, fbg [default: run.sensor, images].
     #[arg(long)]
     sensor: Option<String>,
     /// Preset of the phantom [default: run.phantom, paper].

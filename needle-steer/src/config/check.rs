@@ -1,6 +1,6 @@
 //! Ranges of the configuration's values.
 
-mod range;
+pub(super) mod range;
 mod remote;
 
 pub(crate) use range::in_other_unit;
@@ -28,6 +28,7 @@ impl Config {
         self.validate_arm()?;
         self.validate_ros()?;
         self.validate_remote()?;
+        self.validate_fbg()?;
         self.validate_limits()?;
         self.validate_law_limits()
     }
@@ -134,7 +135,7 @@ impl Config {
                 "a hand pushes the needle through a guide: expected needle.support = \"guide\"",
             ),
             (
-                self.run.sensor != SensorKind::Images,
+                !matches!(self.run.sensor, SensorKind::Images | SensorKind::Fbg),
                 "the advance of a hand is measured by a sensor of the tip: expected run.sensor = \"em\" or \
                  \"shape\"",
             ),

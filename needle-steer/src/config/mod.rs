@@ -4,6 +4,7 @@
 
 mod check;
 mod em;
+mod fbg;
 mod igtl;
 mod insertion;
 mod live;
@@ -23,6 +24,7 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use check::in_other_unit;
 pub use em::Em;
+pub use fbg::{Fbg, LocationsFrom};
 pub use igtl::{Igtl, IgtlCoordinates, IgtlVersion, UnknownVersion};
 pub use insertion::{Insertion, InsertionBy};
 pub use live::Live;
@@ -76,6 +78,8 @@ pub struct Config {
     pub tracker: Tracker,
     /// The electromagnetic tip, for the sensor `em`.
     pub em: Em,
+    /// Fibre Bragg gratings, for the sensor `fbg`.
+    pub fbg: Fbg,
     /// The live view: what is shown, and what is asked.
     pub live: Live,
     /// Limits that every law keeps.
@@ -204,6 +208,8 @@ pub enum SensorKind {
     Shape,
     /// The tip alone, from an electromagnetic sensor in it: place and axis, no point of the shaft.
     Em,
+    /// Fibre Bragg gratings in the needle: its shape from the base on, by how it bends.
+    Fbg,
 }
 
 /// What to run.

@@ -16,6 +16,7 @@ use super::{Eyes, MarkerEyes, RigBuildError};
 use crate::clock::{LockstepClock, PacedClock, WallClock, WallTime};
 use crate::config::{Backend, Config, PlantKind, SensorKind, ViperDialect};
 use crate::distortion::DistortionMap;
+use crate::fbg::Fibres;
 use crate::hand::{ByHand, HandBody};
 use crate::host;
 use crate::remote::igtl::Tracker;
@@ -45,6 +46,8 @@ pub(super) struct Place {
     pub(super) map: Option<Arc<DistortionMap>>,
     /// The needle in its guide, where a hand pushes it.
     pub(super) by_hand: Option<ByHand>,
+    /// Fibres in the needle, where they see it.
+    pub(super) fibres: Option<Fibres>,
 }
 
 /// What a run moves, sees and waits with.
@@ -107,7 +110,14 @@ impl Place {
         let bench = match config.run.sensor {
             SensorKind::Images => bench.with_cameras(self.stereo),
             SensorKind::Em if !config.tracker.is_used() => bench.with_em(&settings, &setup),
-            SensorKind::Shape | SensorKind::Em => bench,
+            SensorKind::Shape | SensorKind::Em | SensorKind::Fbg => bench,
+        };
+        let bench = match &self.fibres {
+            Some(fibres) => {
+                let areas = fibres.shape().calibration().simulated();
+                bench.with_fibres(&settings, &areas, config.run.seed)
+            }
+            None => bench,
         };
         let ArmParts {
             arm,
@@ -142,6 +152,9 @@ impl Place {
         if let Some(map) = self.map {
             world.correct_by(map);
         }
+        if let Some(fibres) = &self.fibres {
+            world.show_by(Arc::clone(fibres.shape()));
+        }
         let moved = world.clone();
         let advance = move |now| moved.advance_to(now);
         let clock: Box<dyn Clock> = match pace {
@@ -152,10 +165,14 @@ impl Place {
         Ok(Devices {
             clock,
             arm,
-            eyes: match tracked {
-                Some((_, eyes)) => eyes,
-                None if images => Eyes::Cameras(Box::new(world.cameras())),
-                None => Eyes::Shape(Box::new(world.shape_sensor())),
+            eyes: match (tracked, &self.fibres) {
+                (Some((_, eyes)), _) => eyes,
+                (None, Some(fibres)) => {
+                    let sensor = Box::new(world.fibre_sensor());
+                    Eyes::Shape(fibres.eyes(sensor, &self.left_from_world))
+                }
+                (None, None) if images => Eyes::Cameras(Box::new(world.cameras())),
+                (None, None) => Eyes::Shape(Box::new(world.shape_sensor())),
             },
             marker: MarkerEyes::new(Box::new(world.marker_sensor())),
             tracker,

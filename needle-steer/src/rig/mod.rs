@@ -28,6 +28,7 @@ use crate::clock::WallTime;
 use crate::config::{Backend, Config, SensorKind, TrackerSource};
 use crate::cycle::Bearings;
 use crate::distortion::MapError;
+use crate::fbg::{FibreError, Fibres};
 use crate::guide::{Guide, GuideMisfit};
 use crate::hand::{HandFed, Slide};
 use crate::host::HostError;
@@ -201,6 +202,9 @@ pub enum RigBuildError {
     /// The map of an electromagnetic field.
     #[error("em.map: {0}")]
     Map(#[from] MapError),
+    /// The fibres' calibration.
+    #[error("fbg.calibration: {0}")]
+    Fibres(#[from] FibreError),
     /// The tracker of the tip.
     #[error("tracker: {0}")]
     Tracker(#[from] TrackerError),
@@ -355,9 +359,12 @@ impl Rig {
         }
         let (tip_sensor, map) = field(config)?;
         let by_hand = by_hand(config, &chain, &joints)?;
+        let fibred = config.run.sensor == SensorKind::Fbg;
+        let fibres = fibred.then(|| Fibres::new(config)).transpose()?;
         let devices = devices(Place {
             map: map.clone(),
             by_hand: by_hand.clone(),
+            fibres: fibres.clone(),
             chain: chain.clone(),
             world_from_arm_base,
             start,
@@ -372,6 +379,9 @@ impl Rig {
         let left_from_world = world_from_left_camera.inverse();
         let mut eyes = devices.eyes.corrected(map, &left_from_world);
         let mut arm = devices.arm;
+        if let Some(fibres) = &fibres {
+            arm = fibres.on(arm, chain.clone(), world_from_arm_base);
+        }
         if let Some(by) = &by_hand {
             let tip = start * nalgebra::Point3::new(0.0, 0.0, config.needle.length_mm * 1e-3);
             let from = (tip, config.inward());

@@ -17,6 +17,7 @@ use super::fit::{self, Course, Demand, Misfit};
 use crate::config::{Config, InsertionBy, SensorKind};
 use crate::cycle::Bearings;
 use crate::distortion::DistortionMap;
+use crate::fbg::FibreShape;
 use crate::hand::ByHand;
 use crate::roll;
 
@@ -133,8 +134,12 @@ pub fn bearings(
 
 /// What is known of a sensor of the tip alone, and the map of its field, where there are such.
 pub(super) fn field(config: &Config) -> Result<Field, RigBuildError> {
-    if config.run.sensor != SensorKind::Em {
-        return Ok((None, None));
+    match config.run.sensor {
+        SensorKind::Em => {}
+        SensorKind::Fbg if config.fbg.lasting => {
+            return Ok((Some(FibreShape::of(config)?.tip_sensor()), None));
+        }
+        _ => return Ok((None, None)),
     }
     let map = match config.em.map.as_str() {
         "" => None,

@@ -164,7 +164,9 @@ impl Link {
                     ..RosCamerasOptions::default()
                 },
             )?)),
-            SensorKind::Shape | SensorKind::Em => Eyes::Shape(Box::new(RosShapes::new(node)?)),
+            SensorKind::Shape | SensorKind::Em | SensorKind::Fbg => {
+                Eyes::Shape(Box::new(RosShapes::new(node)?))
+            }
         })
     }
 
@@ -228,7 +230,9 @@ impl Link {
                 arm: Box::new(parts.arm),
                 eyes: match config.run.sensor {
                     SensorKind::Images => Eyes::Cameras(Box::new(parts.cameras)),
-                    SensorKind::Shape | SensorKind::Em => Eyes::Shape(Box::new(parts.shapes)),
+                    SensorKind::Shape | SensorKind::Em | SensorKind::Fbg => {
+                        Eyes::Shape(Box::new(parts.shapes))
+                    }
                 },
                 truth: Some(RemoteLaboratory::new(parts.laboratory)),
             });

@@ -82,6 +82,76 @@ impl EmSettings {
     }
 }
 
+/// Fibre Bragg gratings in the needle; without flaw by default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, DocumentedFields)]
+#[serde(deny_unknown_fields, default)]
+pub struct FbgSettings {
+    /// Rate of readings.
+    pub rate_hz: f64,
+    /// Delay from reading to delivery.
+    pub latency_ms: f64,
+    /// Fraction of readings that are lost.
+    pub drop_fraction: f64,
+    /// White noise of a wavelength.
+    pub noise_pm: f64,
+    /// Lasting error of a wavelength, each channel's own, standard deviation.
+    pub drift_pm: f64,
+    /// Error of the calibration: factor on an area's curvature, standard deviation over 1.
+    pub gain_error: f64,
+    /// The same: turn of an area's fibres about the needle, standard deviation.
+    pub azimuth_error_deg: f64,
+    /// Turn of all fibres in the needle's holder, standard deviation.
+    pub roll_error_deg: f64,
+    /// By how much areas in the gel get warmer.
+    pub warming_k: f64,
+    /// Time constant of that.
+    pub warming_s: f64,
+    /// Shift by warmth.
+    pub thermal_pm_k: f64,
+    /// Difference of that between channels, standard deviation over its size.
+    pub thermal_mismatch: f64,
+    /// Length of a grating.
+    pub grating_mm: f64,
+}
+
+impl Default for FbgSettings {
+    fn default() -> Self {
+        Self {
+            rate_hz: 30.0,
+            latency_ms: 0.0,
+            drop_fraction: 0.0,
+            noise_pm: 0.0,
+            drift_pm: 0.0,
+            gain_error: 0.0,
+            azimuth_error_deg: 0.0,
+            roll_error_deg: 0.0,
+            warming_k: 0.0,
+            warming_s: 5.0,
+            thermal_pm_k: 0.0,
+            thermal_mismatch: 0.0,
+            grating_mm: 5.0,
+        }
+    }
+}
+
+impl FbgSettings {
+    pub(super) fn validate(&self) -> Result<(), SettingsError> {
+        within("fbg.rate_hz", self.rate_hz, 1.0, 1000.0)?;
+        within("fbg.latency_ms", self.latency_ms, 0.0, 1000.0)?;
+        within("fbg.drop_fraction", self.drop_fraction, 0.0, 0.95)?;
+        within("fbg.noise_pm", self.noise_pm, 0.0, 1000.0)?;
+        within("fbg.drift_pm", self.drift_pm, 0.0, 1000.0)?;
+        within("fbg.gain_error", self.gain_error, 0.0, 0.5)?;
+        within("fbg.azimuth_error_deg", self.azimuth_error_deg, 0.0, 45.0)?;
+        within("fbg.roll_error_deg", self.roll_error_deg, 0.0, 45.0)?;
+        within("fbg.warming_k", self.warming_k, -50.0, 50.0)?;
+        within("fbg.warming_s", self.warming_s, 1e-3, 1e4)?;
+        within("fbg.thermal_pm_k", self.thermal_pm_k, 0.0, 100.0)?;
+        within("fbg.thermal_mismatch", self.thermal_mismatch, 0.0, 1.0)?;
+        within("fbg.grating_mm", self.grating_mm, 0.1, 20.0)
+    }
+}
+
 /// A guide in which the needle slides.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, DocumentedFields)]
 #[serde(deny_unknown_fields, default)]

@@ -13,7 +13,7 @@ use documented::DocumentedFields;
 use serde::{Deserialize, Serialize};
 
 pub use continuum::ContinuumSettings;
-pub use devices::{EmSettings, GuideSettings, HandSettings};
+pub use devices::{EmSettings, FbgSettings, GuideSettings, HandSettings};
 pub use preset::PRESETS;
 pub(crate) use preset::merge;
 pub use validate::SettingsError;
@@ -39,6 +39,8 @@ pub struct Settings {
     pub sensor: SensorSettings,
     /// The electromagnetic sensor in the tip.
     pub em: EmSettings,
+    /// Fibre Bragg gratings in the needle.
+    pub fbg: FbgSettings,
     /// The guide before the tissue.
     pub guide: GuideSettings,
     /// The hand that pushes the needle where no axis does.
@@ -64,6 +66,7 @@ impl Settings {
             "motion" => MotionSettings::get_field_docs(key),
             "sensor" => SensorSettings::get_field_docs(key),
             "em" => EmSettings::get_field_docs(key),
+            "fbg" => FbgSettings::get_field_docs(key),
             "guide" => GuideSettings::get_field_docs(key),
             "hand" => HandSettings::get_field_docs(key),
             "robot" => RobotSettings::get_field_docs(key),

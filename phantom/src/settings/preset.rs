@@ -21,6 +21,8 @@ const PAPER: &str = include_str!("../../data/population.toml");
 const COMPLIANT: &str = include_str!("../../data/population-compliant.toml");
 /// An electromagnetic sensor as it was measured; every preset but `ideal` has it.
 const EM: &str = include_str!("../../data/em.toml");
+/// Fibre Bragg gratings with their flaws; every preset but `ideal` has them.
+const FBG: &str = include_str!("../../data/fbg.toml");
 /// What the preset `harsh` changes.
 const HARSH: &str = include_str!("../../data/harsh.toml");
 /// What the presets after recordings of real needles change.
@@ -37,7 +39,8 @@ impl Settings {
     /// No preset has this name.
     pub fn preset(name: &str) -> Result<Self, SettingsError> {
         let ideal = Self::default();
-        let paper = || ideal.overridden(PAPER.parse()?)?.overridden(EM.parse()?);
+        let devices = |settings: Self| settings.overridden(EM.parse()?)?.overridden(FBG.parse()?);
+        let paper = || devices(ideal.overridden(PAPER.parse()?)?);
         match name {
             "ideal" => Ok(ideal),
             "paper" => paper(),

@@ -245,6 +245,7 @@ impl Settings {
         )?;
         within("sensor.bias_mm", s.bias_mm, 0.0, 5.0)?;
         self.em.validate()?;
+        self.fbg.validate()?;
         within("guide.gap_mm", self.guide.gap_mm, 0.0, 200.0)?;
         self.hand.validate()?;
         let r = &self.robot;

@@ -6,7 +6,7 @@ use crate::config::Invalid;
 const THOUSAND: f64 = 1e3;
 
 /// The value lies in `low..=high`.
-pub(super) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
+pub(in crate::config) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
     if value >= low && value <= high {
         return Ok(());
     }
@@ -20,7 +20,7 @@ pub(super) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), I
 }
 
 /// The value is above zero and at most `high`.
-pub(super) fn positive(key: &str, value: f64, high: f64) -> Result<(), Invalid> {
+pub(in crate::config) fn positive(key: &str, value: f64, high: f64) -> Result<(), Invalid> {
     if value > 0.0 && value <= high {
         return Ok(());
     }
