@@ -9,6 +9,7 @@ use hal::frame::{LeftCamera, World};
 use hal::{CameraFrame, GrayImage, Stamp, StereoCamera, StereoFrame, Transform};
 use nalgebra::Isometry3;
 use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 
 use super::background;
 use super::board::{BoardError, BoardView};
@@ -57,7 +58,9 @@ pub struct StereoRig {
     truth: RigParameters,
     given: Given,
     views: [View; 2],
-    renderers: [Renderer; 2],
+    world_from_phantom: Isometry3<f64>,
+    /// Made for the first image: a laboratory whose needle is sensed otherwise takes none.
+    renderers: Option<[Renderer; 2]>,
     pool: Vec<Arc<GrayImage>>,
     in_flight: VecDeque<(Stamp, StereoFrame)>,
     sequence: u64,
@@ -87,26 +90,14 @@ impl StereoRig {
         let gel_centre = world_from_phantom * geometry::gel_centre(settings);
         let given = calibration::given(&truth, &settings.calibration, &gel_centre, seed)?;
         let views = Side::BOTH.map(|side| truth.view(side));
-        let noise = Noise::new(&settings.noise, settings.width_px, seed).map(Arc::new);
-        let renderers = [0, 1].map(|index| {
-            let mut levels = background::screen(settings, index, seed);
-            background::gel(
-                &mut levels,
-                settings,
-                index,
-                &views[index],
-                world_from_phantom,
-                seed,
-            );
-            Renderer::new(settings, levels, noise.clone())
-        });
         Ok(Self {
             settings: settings.clone(),
             seed,
             truth,
             given,
             views,
-            renderers,
+            world_from_phantom: *world_from_phantom,
+            renderers: None,
             pool: Vec::with_capacity(POOL),
             in_flight: VecDeque::new(),
             sequence: 0,
@@ -188,18 +179,54 @@ impl StereoRig {
     }
 
     fn draw(&mut self, needle: Option<&NeedleView>, sequence: u64) -> [Arc<GrayImage>; 2] {
-        Side::BOTH.map(|side| {
+        self.with_renderers(
+            |renderer, view, generator, image| {
+                renderer.draw(view, needle, generator, image);
+            },
+            2 * sequence,
+        )
+    }
+
+    /// Left and right image by `draw`; the random numbers of the pair are those of the exposures
+    /// `number` and `number + 1`.
+    fn with_renderers(
+        &mut self,
+        draw: impl Fn(&mut Renderer, &View, &mut ChaCha8Rng, &mut GrayImage),
+        number: u64,
+    ) -> [Arc<GrayImage>; 2] {
+        let mut renderers = self.renderers.take().unwrap_or_else(|| self.prepared());
+        let images = Side::BOTH.map(|side| {
             let index = side.index();
             let mut image = self.blank();
-            let mut generator = generator(self.seed, Stream::Exposure, 2 * sequence + index as u64);
-            self.renderers[index].draw(
+            let mut generator = generator(self.seed, Stream::Exposure, number + index as u64);
+            draw(
+                &mut renderers[index],
                 &self.views[index],
-                needle,
                 &mut generator,
                 Arc::make_mut(&mut image),
             );
             self.keep(&image);
             image
+        });
+        self.renderers = Some(renderers);
+        images
+    }
+
+    /// Noise and empty scenes: what is drawn once for all images.
+    fn prepared(&self) -> [Renderer; 2] {
+        let (settings, seed) = (&self.settings, self.seed);
+        let noise = Noise::new(&settings.noise, settings.width_px, seed).map(Arc::new);
+        [0, 1].map(|index| {
+            let mut levels = background::screen(settings, index, seed);
+            background::gel(
+                &mut levels,
+                settings,
+                index,
+                &self.views[index],
+                &self.world_from_phantom,
+                seed,
+            );
+            Renderer::new(settings, levels, noise.clone())
         })
     }
 
@@ -215,20 +242,12 @@ impl StereoRig {
         for (view, camera) in self.views.iter().zip(["left", "right"]) {
             board.check(view, camera)?;
         }
-        Ok(Side::BOTH.map(|side| {
-            let index = side.index();
-            let mut image = self.blank();
-            let number = BOARDS + 2 * sequence + index as u64;
-            let mut generator = generator(self.seed, Stream::Exposure, number);
-            self.renderers[index].draw_board(
-                &self.views[index],
-                board,
-                &mut generator,
-                Arc::make_mut(&mut image),
-            );
-            self.keep(&image);
-            image
-        }))
+        Ok(self.with_renderers(
+            |renderer, view, generator, image| {
+                renderer.draw_board(view, board, generator, image);
+            },
+            BOARDS + 2 * sequence,
+        ))
     }
 
     /// An image nobody else holds: from the pool if there is one.
@@ -264,5 +283,21 @@ impl StereoCamera for StereoRig {
             newest = self.in_flight.pop_front().map(|(_, frame)| frame);
         }
         Ok(newest)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A laboratory whose needle is not seen by cameras must not pay for their scenes.
+    #[test]
+    fn nothing_is_drawn_before_the_first_image() {
+        let settings = CameraSettings::ideal();
+        let mut rig = StereoRig::new(&settings, &Isometry3::identity(), 1).unwrap();
+        assert!(rig.renderers.is_none());
+        let first = rig.empty(0);
+        assert!(rig.renderers.is_some());
+        assert_eq!(rig.empty(0), first, "the scene stays");
     }
 }
