@@ -1,13 +1,13 @@
 //! ROS 1 messages, generated at build time: ROS's own as far as they are in use and
 //! `needle_steer_lockstep` from `msgs`, and `needle_steer_msgs`, which hold a run without loss, from
-//! the ROS package of that name.
+//! the ROS package of that name. `rcl_interfaces` is ROS 2's alone.
 //!
 //! Lengths are metres, angles radians, `world` is the laboratory; each definition says the rest.
 
 pub use generated::{
     diagnostic_msgs, geometry_msgs, industrial_msgs, needle_steer_lockstep, needle_steer_msgs,
-    roscpp, rosgraph_msgs, sensor_msgs, std_msgs, std_srvs, tf2_msgs, trajectory_msgs,
-    visualization_msgs,
+    rcl_interfaces, roscpp, rosgraph_msgs, sensor_msgs, std_msgs, std_srvs, tf2_msgs,
+    trajectory_msgs, visualization_msgs,
 };
 
 #[allow(
@@ -33,6 +33,8 @@ mod generated {
         needle_steer_msgs / Shape,
         needle_steer_msgs / State,
         needle_steer_msgs / Step,
+        rcl_interfaces / GetLoggerLevels,
+        rcl_interfaces / SetLoggerLevels,
         roscpp / GetLoggers,
         roscpp / SetLoggerLevel,
         rosgraph_msgs / Clock,

@@ -84,6 +84,19 @@ fn property_tests_draw_the_same_cases_in_every_run() {
     assert!(blocks > 10, "only {blocks} blocks found");
 }
 
+/// A package is made of its crate's folder alone.
+#[test]
+fn every_package_carries_both_licences() {
+    let root = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    for licence in ["LICENSE-MIT", "LICENSE-APACHE"] {
+        let whole = std::fs::read_to_string(root.join(licence)).unwrap();
+        for member in MEMBERS.iter().filter(|member| **member != "tests") {
+            let carried = std::fs::read_to_string(root.join(member).join(licence));
+            assert_eq!(carried.ok().as_ref(), Some(&whole), "{member}: {licence}");
+        }
+    }
+}
+
 /// Crates that are of use without the application.
 const LIBRARIES: usize = 9;
 /// Lines of a README that are still read.

@@ -2,6 +2,8 @@
 
   read TOPIC KIND reliable|best volatile|latched   every message from now on
   call SERVICE [true|false]       a std_srvs/Trigger, or with a word std_srvs/SetBool, and its reply
+  levels NODE NAME...             rcl_interfaces/GetLoggerLevels of loggers, and its reply
+  level NODE NAME LEVEL           rcl_interfaces/SetLoggerLevels of one logger, and its reply
   target FRAME X Y Z              one message on /target, once somebody reads there
   twist TOPIC X Y Z SECONDS       TwistStamped in world at 50 Hz
   trajectory TOPIC SECONDS Q...   one JointTrajectory of joints joint_1, joint_2, ...
@@ -64,16 +66,34 @@ def wait(ready, seconds=10.0):
     return ready()
 
 
-def call(service, word=None):
-    kinds = (ros.SetBoolRequest, ros.SetBoolResponse) if word else (
-        ros.TriggerRequest, ros.TriggerResponse)
+def ask(service, kinds, **fields):
     if service not in clients:
         clients[service] = node.client(service, *kinds)
     client = clients[service]
     if not wait(client.matched):
-        return say(service=service, error='nobody offers it')
-    reply = client.call(**({'data': word == 'true'} if word else {}))
+        raise LookupError('nobody offers %s' % service)
+    return client.call(**fields)
+
+
+def call(service, word=None):
+    kinds = (ros.SetBoolRequest, ros.SetBoolResponse) if word else (
+        ros.TriggerRequest, ros.TriggerResponse)
+    reply = ask(service, kinds, **({'data': word == 'true'} if word else {}))
     say(service=service, success=reply.success, message=reply.message)
+
+
+def levels(name, *loggers):
+    service = name + '/get_logger_levels'
+    reply = ask(service, (ros.GetLoggerLevelsRequest, ros.GetLoggerLevelsResponse),
+                names=list(loggers))
+    say(service=service, levels=[[level.name, level.level] for level in reply.levels])
+
+
+def level(name, logger, number):
+    service = name + '/set_logger_levels'
+    reply = ask(service, (ros.SetLoggerLevelsRequest, ros.SetLoggerLevelsResponse),
+                levels=[ros.LoggerLevel(logger, int(number))])
+    say(service=service, results=[[done.successful, done.reason] for done in reply.results])
 
 
 def streamed(writer, message, seconds):
@@ -125,6 +145,10 @@ for line in sys.stdin:
             readers.append((rest[0], reader))
         elif order == 'call':
             call(*rest)
+        elif order == 'levels':
+            levels(*rest)
+        elif order == 'level':
+            level(*rest)
         elif order == 'target':
             point = ros.Point(*[float(x) for x in rest[1:4]])
             once(node.writer('/target', ros.PointStamped),

@@ -231,6 +231,32 @@ class State:
     entry_force: float64 = 0.0
 
 
+@ros('needle_steer_msgs')
+class SensedPoint:
+    position: Point = field(default_factory=Point)
+    sigma: float64 = 0.0
+
+
+@ros('needle_steer_msgs')
+class SensedTip:
+    position: Point = field(default_factory=Point)
+    covariance: array[float64, 9] = field(default_factory=lambda: [0.0] * 9)
+    direction: Vector3 = field(default_factory=Vector3)
+    direction_sigma: float64 = 0.0
+
+
+# A field of the shape is called as the type of a list is.
+Points = sequence[SensedPoint]
+
+
+@ros('needle_steer_msgs')
+class Shape:
+    header: Header = field(default_factory=Header)
+    sequence: uint64 = 0
+    points: Points = field(default_factory=list)
+    tip: SensedTip = field(default_factory=SensedTip)
+
+
 # What `rmw_cyclonedds_cpp` sends for a service: a client's number and a request's before the message.
 @ros('std_srvs', 'srv', '_Request')
 class Trigger:
@@ -272,6 +298,58 @@ class SetBool:  # noqa: F811
 
 
 SetBoolResponse = SetBool
+
+
+@ros('rcl_interfaces')
+class LoggerLevel:
+    name: str = ''
+    level: uint32 = 0
+
+
+@ros('rcl_interfaces')
+class SetLoggerLevelsResult:
+    successful: bool = False
+    reason: str = ''
+
+
+@ros('rcl_interfaces', 'srv', '_Request')
+class GetLoggerLevels:
+    guid: uint64 = 0
+    seq: int64 = 0
+    names: sequence[str] = field(default_factory=list)
+
+
+GetLoggerLevelsRequest = GetLoggerLevels
+
+
+@ros('rcl_interfaces', 'srv', '_Response')
+class GetLoggerLevels:  # noqa: F811
+    guid: uint64 = 0
+    seq: int64 = 0
+    levels: sequence[LoggerLevel] = field(default_factory=list)
+
+
+GetLoggerLevelsResponse = GetLoggerLevels
+
+
+@ros('rcl_interfaces', 'srv', '_Request')
+class SetLoggerLevels:
+    guid: uint64 = 0
+    seq: int64 = 0
+    levels: sequence[LoggerLevel] = field(default_factory=list)
+
+
+SetLoggerLevelsRequest = SetLoggerLevels
+
+
+@ros('rcl_interfaces', 'srv', '_Response')
+class SetLoggerLevels:  # noqa: F811
+    guid: uint64 = 0
+    seq: int64 = 0
+    results: sequence[SetLoggerLevelsResult] = field(default_factory=list)
+
+
+SetLoggerLevelsResponse = SetLoggerLevels
 
 
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))

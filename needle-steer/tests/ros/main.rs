@@ -11,6 +11,7 @@ mod back_end;
 mod dead_arm;
 mod dead_man;
 mod faults;
+mod foreign_arm;
 mod hiccup;
 mod images;
 mod launch;
@@ -22,6 +23,8 @@ mod picture;
 mod services;
 mod speech;
 mod targets;
+#[path = "../peers/ur_robot.rs"]
+mod ur_robot;
 mod velocity_arm;
 mod withdraw;
 

@@ -10,7 +10,10 @@
 )]
 
 mod arm;
+mod foreign_arm;
 mod launch;
 mod lockstep;
 mod peer;
 mod telemetry;
+#[path = "../peers/ur_robot.rs"]
+mod ur_robot;

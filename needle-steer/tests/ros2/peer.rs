@@ -161,6 +161,14 @@ impl Domain {
         assert_eq!(arm.line(Duration::from_secs(20)).unwrap(), "ready");
         arm
     }
+
+    /// `ur_ros2.py`, at the joints given [rad].
+    pub(crate) fn robot(&self, joints: &str) -> Talk {
+        let program = format!("{PEERS}/ur_ros2.py");
+        let mut robot = Talk::start(self.python(&[&program, joints]));
+        assert_eq!(robot.line(Duration::from_secs(20)).unwrap(), "ready");
+        robot
+    }
 }
 
 impl Drop for Domain {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use rosbridge::log::{LogReader, Record};
 use serde_json::Value;
 
-use crate::peer::{Domain, wait_until};
+use crate::peer::{Domain, Peer, wait_until};
 
 const RUN: [&str; 8] = [
     "run",
@@ -205,6 +205,47 @@ fn late_and_dying_peers_do_not_matter() {
     let (stopped, answer) = late.call("/needle_steer/stop");
     assert!(stopped, "{answer}");
     assert!(run.0.try_wait().unwrap().is_none(), "the node has ended");
+}
+
+/// How much the node says is asked and told as of ROS 2's own nodes.
+#[test]
+fn the_level_of_the_nodes_logger_is_asked_and_told() {
+    let Some(domain) = Domain::new() else { return };
+    let more = ["results", "--set", "ros.autostart=false"];
+    let _run = domain.start(&[&RUN[..], &more].concat());
+    let mut peer = domain.peer();
+    peer.order("read /rosout Log reliable latched");
+    let said = peer.message("/rosout");
+    assert!(said["msg"].as_str().unwrap().contains("is up"), "{said}");
+    let levels = |peer: &mut Peer| {
+        peer.order("levels /needle_steer needle_steer another");
+        let said = peer.next(|said| said["levels"].is_array());
+        said.unwrap()["levels"].to_string()
+    };
+    let told = |peer: &mut Peer, name: &str, level: u32| {
+        peer.order(&format!("level /needle_steer {name} {level}"));
+        let said = peer.next(|said| said["results"].is_array());
+        let result = said.unwrap()["results"][0].clone();
+        (result[0] == true, result[1].as_str().unwrap().to_owned())
+    };
+    // Information; a logger that there is not has no level.
+    assert_eq!(levels(&mut peer), r#"[["needle_steer",20],["another",0]]"#);
+    let (done, why) = told(&mut peer, "another", 10);
+    assert!(!done && why.contains("there is needle_steer"), "{why}");
+    let (done, why) = told(&mut peer, "needle_steer", 15);
+    assert!(!done && why.contains("10, 20, 30, 40, 50"), "{why}");
+    assert!(levels(&mut peer).contains(r#"["needle_steer",20]"#));
+    assert_eq!(told(&mut peer, "needle_steer", 10), (true, String::new()));
+    assert!(levels(&mut peer).contains(r#"["needle_steer",10]"#));
+    // Answers of services are said at this level alone.
+    let (_, answer) = peer.call("/needle_steer/pause");
+    assert!(answer.contains("no insertion"), "{answer}");
+    let heard = peer.next(|said| {
+        said["message"]["msg"]
+            .to_string()
+            .contains("~pause refused")
+    });
+    assert_eq!(heard.unwrap()["message"]["level"], 10);
 }
 
 #[test]

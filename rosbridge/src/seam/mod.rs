@@ -329,7 +329,7 @@ impl Node {
     }
 
     /// Says something on `/rosout` and on standard error, unless it matters less than what is said at
-    /// present (`~set_logger_level`).
+    /// present (`~set_logger_level`, `~set_logger_levels`).
     pub fn say(&self, severity: Severity, text: &str) {
         self.inner.speech.say(severity, text);
     }

@@ -1,5 +1,6 @@
-//! What a node says, on `/rosout` and on standard error, and the services that choose how much of it:
-//! `~get_loggers` and `~set_logger_level` (package `roscpp`), as every node of ROS's own has them.
+//! What a node says, on `/rosout` and on standard error, and the services that choose how much of it, as
+//! ROS's own nodes have them: `~get_loggers` and `~set_logger_level` (package `roscpp`) on ROS 1,
+//! `~get_logger_levels` and `~set_logger_levels` (package `rcl_interfaces`) on ROS 2.
 
 use std::collections::VecDeque;
 use std::io::Write;
@@ -7,10 +8,14 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use super::{Node, NodeClock, NodeError, Outlet, Quality, Service, lock};
 use crate::convert;
+use crate::msg::rcl_interfaces::{
+    GetLoggerLevels, GetLoggerLevelsRes, LoggerLevel, SetLoggerLevels, SetLoggerLevelsRes,
+    SetLoggerLevelsResult,
+};
 use crate::msg::roscpp::{GetLoggers, GetLoggersRes, Logger, SetLoggerLevel, SetLoggerLevelRes};
 use crate::msg::rosgraph_msgs::Log;
 
-/// The one logger, named as `roscpp` names those of a package.
+/// The one logger on ROS 1, named as `roscpp` names those of a package. On ROS 2 it has the node's name.
 const LOGGER: &str = "ros.needle_steer";
 /// Where a node speaks.
 const TOPIC: &str = "/rosout";
@@ -62,6 +67,17 @@ impl Severity {
             Self::Fatal => Log::FATAL,
         }
     }
+
+    /// The level of a logger of ROS 2.
+    const fn number(self) -> u8 {
+        match self {
+            Self::Debug => LoggerLevel::LOG_LEVEL_DEBUG,
+            Self::Info => LoggerLevel::LOG_LEVEL_INFO,
+            Self::Warning => LoggerLevel::LOG_LEVEL_WARN,
+            Self::Error => LoggerLevel::LOG_LEVEL_ERROR,
+            Self::Fatal => LoggerLevel::LOG_LEVEL_FATAL,
+        }
+    }
 }
 
 /// The voice of a node.
@@ -86,7 +102,7 @@ impl Speech {
         }
     }
 
-    /// Advertises `/rosout` and the services, which are ROS 1's.
+    /// Advertises `/rosout` and the services.
     pub(super) fn open(self: &Arc<Self>, node: &Node) -> Result<(), NodeError> {
         let is_ros1 = node.inner.carrier.is_ros1();
         let quality = if is_ros1 {
@@ -96,10 +112,16 @@ impl Speech {
         };
         // Opened once.
         let _ = self.topic.set(Outlet::new(node, TOPIC, quality)?);
-        if !is_ros1 {
-            return Ok(());
-        }
         let speech = Arc::clone(self);
+        if !is_ros1 {
+            Service::open::<GetLoggerLevels>(node, "~get_logger_levels", move |request| {
+                Ok(speech.levels(&request.names))
+            })?;
+            let speech = Arc::clone(self);
+            return Service::open::<SetLoggerLevels>(node, "~set_logger_levels", move |request| {
+                Ok(speech.choose_levels(&request.levels))
+            });
+        }
         Service::open::<GetLoggers>(node, "~get_loggers", move |_| Ok(speech.loggers()))?;
         let speech = Arc::clone(self);
         Service::open::<SetLoggerLevel>(node, "~set_logger_level", move |request| {
@@ -163,5 +185,55 @@ impl Speech {
         };
         *lock(&self.least) = least;
         Ok(SetLoggerLevelRes {})
+    }
+
+    /// The logger's name on ROS 2: the node's, as `rclcpp` and `rclpy` make it of the full name.
+    fn own_name(&self) -> String {
+        self.node.trim_start_matches('/').replace('/', ".")
+    }
+
+    /// The levels of loggers of ROS 2, in their order; unknown ones have the level that says so.
+    fn levels(&self, names: &[String]) -> GetLoggerLevelsRes {
+        let own = self.own_name();
+        let level = |name: &String| LoggerLevel {
+            name: name.clone(),
+            level: if *name == own {
+                lock(&self.least).number().into()
+            } else {
+                LoggerLevel::LOG_LEVEL_UNKNOWN.into()
+            },
+        };
+        GetLoggerLevelsRes {
+            levels: names.iter().map(level).collect(),
+        }
+    }
+
+    fn choose_levels(&self, levels: &[LoggerLevel]) -> SetLoggerLevelsRes {
+        let result = |asked| {
+            let refused = self.choose_level(asked).err();
+            SetLoggerLevelsResult {
+                successful: refused.is_none(),
+                reason: refused.unwrap_or_default(),
+            }
+        };
+        SetLoggerLevelsRes {
+            results: levels.iter().map(result).collect(),
+        }
+    }
+
+    fn choose_level(&self, asked: &LoggerLevel) -> Result<(), String> {
+        let own = self.own_name();
+        if asked.name != own {
+            return Err(format!("no logger {}: there is {own}", asked.name));
+        }
+        let mut known = Severity::ALL.into_iter();
+        let least = known.find(|severity| u32::from(severity.number()) == asked.level);
+        let Some(least) = least else {
+            let known = Severity::ALL.map(|severity| severity.number().to_string());
+            let known = known.join(", ");
+            return Err(format!("no level {}: expected {known}", asked.level));
+        };
+        *lock(&self.least) = least;
+        Ok(())
     }
 }
