@@ -136,6 +136,21 @@ fn kalibrs_lens(at: &Path, left: &[String], right: &[String]) {
     assert_eq!(rigs[0].left.distortion, rigs[1].left.distortion);
 }
 
+/// What an earlier calibration wrote stays as it is, whichever of its files are left.
+fn what_was_written_stays(out: &Path, again: impl Fn() -> Output) {
+    let files = ["report.html", "left.yaml", "right.yaml", "stereo.yml"];
+    for file in files {
+        std::fs::write(out.join(file), "kept").unwrap();
+    }
+    refused(&again(), "nothing is written over");
+    std::fs::remove_file(out.join("report.html")).unwrap();
+    refused(&again(), "left.yaml");
+    for file in &files[1..] {
+        assert_eq!(std::fs::read_to_string(out.join(file)).unwrap(), "kept");
+    }
+    assert!(!out.join("report.html").exists());
+}
+
 #[test]
 fn stereo_finds_made_up_cameras_and_refuses_by_name() {
     let at = folder("made_up_stereo");
@@ -180,24 +195,7 @@ fn stereo_finds_made_up_cameras_and_refuses_by_name() {
 
     kalibrs_lens(&at, &left[..5], &right[..5]);
 
-    // What an earlier calibration wrote stays as it is, whichever of its files are left.
-    let files = ["report.html", "left.yaml", "right.yaml", "stereo.yml"];
-    for file in files {
-        std::fs::write(out.join(file), "kept").unwrap();
-    }
-    refused(
-        &run_to(&out, &left[..5], &right[..5], "9x6", "20"),
-        "nothing is written over",
-    );
-    std::fs::remove_file(out.join("report.html")).unwrap();
-    refused(
-        &run_to(&out, &left[..5], &right[..5], "9x6", "20"),
-        "left.yaml",
-    );
-    for file in &files[1..] {
-        assert_eq!(std::fs::read_to_string(out.join(file)).unwrap(), "kept");
-    }
-    assert!(!out.join("report.html").exists());
+    what_was_written_stays(&out, || run_to(&out, &left[..5], &right[..5], "9x6", "20"));
 
     // From here on everything is refused, and nothing is left of it.
     let out = at.join("fresh");

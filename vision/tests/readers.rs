@@ -1,6 +1,5 @@
 //! Calibrations that we write, opened by other programs' own readers: ROS's (`camera_calibration_parsers`, which
 //! `camera_info_manager` reads with) and one of Kalibr's `camchain`. OpenCV's is in `files.rs`.
-#![expect(clippy::print_stdout, reason = "a test says what it skips")]
 #![expect(clippy::unwrap_used, reason = "a test")]
 
 use std::path::{Path, PathBuf};
@@ -72,10 +71,6 @@ fn same(name: &str, found: &Value, written: &[f64]) {
 }
 
 #[test]
-#[expect(
-    clippy::disallowed_methods,
-    reason = "tests are told whether ROS has to be there"
-)]
 fn ros_reads_our_camera_info() {
     const SCRIPT: &str = "
 import json, sys

@@ -439,7 +439,11 @@ mod tests {
             let gains: Vec<f64> = (0..4).map(|_| 1.0 + fbg.gain_sigma * normal()).collect();
             let turn = |from_tip: f64| {
                 let k = ((LENGTH - from_tip) / step).round();
-                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "a rounded place on the needle"
+                )]
                 let k = k as usize;
                 Vector2::new(axes[0][k], axes[1][k])
             };
