@@ -12,7 +12,7 @@ use crate::support::{Dice, finite};
 /// Key, lowest, highest.
 type Range = (&'static str, f64, f64);
 
-const RANGES: [Range; 84] = [
+const RANGES: [Range; 97] = [
     ("needle.length_mm", 20.0, 400.0),
     ("needle.outer_diameter_mm", 0.2, 3.0),
     ("needle.inner_diameter_mm", 0.0, 2.99),
@@ -72,6 +72,19 @@ const RANGES: [Range; 84] = [
     ("hand.step_error", 0.0, 1.0),
     ("hand.pause_s", 0.0, 60.0),
     ("hand.reaction_s", 0.0, 5.0),
+    ("fbg.rate_hz", 1.0, 1000.0),
+    ("fbg.latency_ms", 0.0, 1000.0),
+    ("fbg.drop_fraction", 0.0, 0.95),
+    ("fbg.noise_pm", 0.0, 1000.0),
+    ("fbg.drift_pm", 0.0, 1000.0),
+    ("fbg.gain_error", 0.0, 0.5),
+    ("fbg.azimuth_error_deg", 0.0, 45.0),
+    ("fbg.roll_error_deg", 0.0, 45.0),
+    ("fbg.warming_k", -50.0, 50.0),
+    ("fbg.warming_s", 1e-3, 1e4),
+    ("fbg.thermal_pm_k", 0.0, 100.0),
+    ("fbg.thermal_mismatch", 0.0, 1.0),
+    ("fbg.grating_mm", 0.1, 20.0),
     ("sensor.rate_hz", 1.0, 1000.0),
     ("sensor.latency_ms", 0.0, 1000.0),
     ("sensor.drop_fraction", 0.0, 0.95),
