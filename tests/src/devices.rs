@@ -331,7 +331,14 @@ fn a_hand_whose_advance_is_not_measured_is_refused() {
 
 #[test]
 fn a_guide_too_near_is_refused_with_its_key() {
-    let config = through_a_guide(&["needle.guide_gap_mm=0.5"]);
+    let mut config = through_a_guide(&[]);
+    config.needle.guide_gap_mm = 0.5;
     let refused = Rig::new(&config).unwrap_err().to_string();
     assert!(refused.contains("needle.guide_gap_mm"), "{refused}");
+    // A file that says so is refused before that.
+    let refused = config::load(None, &["needle.guide_gap_mm=0.5".to_owned()]).unwrap_err();
+    assert!(
+        refused.to_string().contains("needle.guide_gap_mm"),
+        "{refused}"
+    );
 }
