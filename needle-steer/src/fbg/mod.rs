@@ -2,7 +2,7 @@
 //! ([`Calibration`]), curvature to shape ([`FibreShape`]), placed at the base's pose by the encoders.
 //!
 //! The shape hangs on the base: what arm and holder err by, the fibres cannot see. Everything behind
-//! [`Fibres`] takes what comes of it for a shape as any other sensor's.
+//! `Fibres` takes what comes of it for a shape as any other sensor's.
 
 mod calibration;
 mod file;
