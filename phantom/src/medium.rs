@@ -170,12 +170,26 @@ impl Contact {
         self.tip_force = other.tip_force;
     }
 
+    /// Finds the nodes' places anew, beside a path that moved while they did not.
+    pub(crate) fn follow(&mut self, path: &CutPath, nodes: &[Vector3<f64>]) {
+        for i in (self.first..nodes.len()).rev() {
+            self.feet[i] = path.locate(&nodes[i], self.feet[i].segment);
+            self.displacement[i] = displacement(&nodes[i], &self.feet[i]);
+        }
+    }
+
     pub(crate) fn clear(&mut self, nodes: usize) {
         self.first = nodes;
         self.weight.fill(0.0);
         self.displacement.fill(Vector3::zeros());
         self.tip_force = Vector3::zeros();
     }
+}
+
+/// By how much a node pushes the tissue beside it aside \[m\].
+fn displacement(node: &Vector3<f64>, foot: &Foot) -> Vector3<f64> {
+    let offset = node - foot.point;
+    offset - foot.tangent * foot.tangent.dot(&offset)
 }
 
 impl Medium<'_> {
@@ -212,9 +226,8 @@ impl Medium<'_> {
                 }
                 break;
             }
-            let offset = nodes[i] - foot.point;
             let t = foot.tangent;
-            let u = offset - t * t.dot(&offset);
+            let u = displacement(&nodes[i], &foot);
             contact.weight[i] = weight;
             contact.displacement[i] = u;
             let bed = path.bed(&foot);

@@ -35,6 +35,8 @@ const FARTHEST_JUMP: f64 = 0.2;
 const MOST_HALVINGS: u32 = 4;
 const MOST_RETRIES: u32 = 60;
 const RETRIES_A_CALL: u32 = 4;
+/// Steps of one call in which the needle stays where it was; the rest of the way is then one step.
+const MOST_IN_VAIN: u32 = 4;
 /// The tip leaves its prediction by less, unless the shaft snaps into another shape \[m\].
 const LARGEST_JUMP: f64 = 5e-3;
 /// An old hole is found again within this distance of its entry \[m\].
@@ -184,8 +186,8 @@ impl RodPlant {
     }
 
     /// Moves the base to `pose`, reached `dt` seconds later; in halves where no equilibrium is
-    /// found near the last one.
-    fn step(&mut self, pose: &Isometry3<f64>, dt: f64, halvings: u32) {
+    /// found near the last one. False where the needle had to be held as it was.
+    fn step(&mut self, pose: &Isometry3<f64>, dt: f64, halvings: u32) -> bool {
         self.remember();
         let from = self.pose;
         let advance = self.slide_to(pose, dt);
@@ -198,8 +200,7 @@ impl RodPlant {
             self.retries -= 1;
             self.recall();
             self.step(&between(&from, pose, 0.5), 0.5 * dt, halvings + 1);
-            self.step(pose, 0.5 * dt, halvings + 1);
-            return;
+            return self.step(pose, 0.5 * dt, halvings + 1);
         }
         if found {
             if !solution.stable || jump > LARGEST_JUMP {
@@ -211,6 +212,11 @@ impl RodPlant {
             if !sound {
                 self.recall();
                 self.seconds += dt;
+                // The path has torn since: were it torn by the same displacement at every step, it
+                // would run away from a needle that stands.
+                if let Some(path) = &self.path {
+                    self.contact.follow(path, &self.rod.nodes);
+                }
             }
             self.report(Event::Unconverged {
                 last_step_m: solution.last_step,
@@ -223,6 +229,7 @@ impl RodPlant {
             self.age(dt);
             self.skin.yield_to_shaft(&self.placement);
         }
+        sound
     }
 
     /// Everything of a step up to its equilibrium; how far the prediction slides \[m\].
@@ -270,13 +277,21 @@ impl Plant for RodPlant {
         let count = steps as u32;
         // A shape that stays out of balance must not cost every call the full search.
         self.retries = (self.retries + RETRIES_A_CALL).min(MOST_RETRIES);
-        for i in 1..=count {
-            let target = if i == count {
+        let (mut done, mut in_vain) = (0, 0);
+        while done < count {
+            let next = if in_vain < MOST_IN_VAIN {
+                done + 1
+            } else {
+                count
+            };
+            let target = if next == count {
                 pose
             } else {
-                between(&from, &pose, f64::from(i) / steps)
+                between(&from, &pose, f64::from(next) / steps)
             };
-            self.step(&target, dt / steps, 0);
+            let moved = self.step(&target, dt * f64::from(next - done) / steps, 0);
+            in_vain += u32::from(!moved);
+            done = next;
         }
         self.publish(stamp, world_from_base);
     }

@@ -100,9 +100,12 @@ impl RodPlant {
                 heading,
             }),
         };
+        // The first node outside is about an edge farther back, and there the tissue ends.
+        let reach = 2.0 * self.rod.edge;
         let mut i = contact.first.min(last);
         let torn = path.age(creep, &tear, &self.placement, |arc| {
-            if contact.first > last || arc > contact.feet[last].arc {
+            let beside = |first: usize| contact.feet[first].arc - reach..=contact.feet[last].arc;
+            if contact.first > last || !beside(contact.first).contains(&arc) {
                 return Vector3::zeros();
             }
             while i < last && contact.feet[i].arc < arc {
