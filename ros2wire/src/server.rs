@@ -44,7 +44,7 @@ impl Server {
         let requests = participant.raw_reader(&names::requests(service), &request, quality)?;
         let requests = Reader::start(participant.clone(), requests, service, move |arrived| {
             if let Some(reply) = reply(&arrived.payload, &handler) {
-                replies.answer(reply, client(&arrived));
+                replies.answer(reply, client(&arrived), arrived.writer);
             }
         })?;
         Ok(Self {
@@ -77,8 +77,52 @@ fn client(request: &Arrived) -> SampleIdentity {
 }
 
 #[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
     use super::*;
+    use crate::graph::Gids;
+    use crate::names::{Arguments, Names};
+    use crate::participant::Settings;
+
+    #[test]
+    fn a_client_whose_reader_is_found_after_its_request_is_answered() {
+        let domain = 101;
+        let settings = Settings {
+            domain,
+            loopback: true,
+            gids: Gids::Short,
+        };
+        let join = |name| {
+            let names = Names::new(name, &Arguments::default()).unwrap();
+            Participant::join(&settings, names).unwrap()
+        };
+        let (server, client) = (join("server"), join("client"));
+        let (asked, requests) = channel();
+        let kind = "std_srvs/Trigger";
+        let _offered = Server::offer(&server, "/s", kind, move |request: &[u8]| {
+            asked.send(()).unwrap();
+            Some(request.to_vec())
+        });
+        let [request, response] = names::service_types(kind);
+        let quality = Quality::Event(DEPTH);
+        let writer = client.raw_writer(&names::requests("/s"), &request, quality);
+        let writer = writer.unwrap();
+        while writer.readers() == 0 {
+            std::thread::park_timeout(Duration::from_millis(5));
+        }
+        assert!(writer.send(vec![0; 20]));
+        requests.recv_timeout(Duration::from_secs(10)).unwrap();
+        let (heard, replies) = channel();
+        let reader = client.raw_reader(&names::replies("/s"), &response, quality);
+        let _reader = Reader::start(client.clone(), reader.unwrap(), "/s", move |arrived| {
+            heard.send(arrived.payload).unwrap();
+        });
+        let reply = replies.recv_timeout(Duration::from_secs(10)).unwrap();
+        assert_eq!(reply[..], [0; 20]);
+    }
 
     #[test]
     fn requests_of_both_kinds_are_answered_alike() {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Wake, Waker};
 use std::thread::{JoinHandle, Thread};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rustdds::bytes::Bytes;
 use rustdds::no_key::{
@@ -23,6 +23,10 @@ use crate::participant::{Participant, WireError};
 
 /// Longest sleep of a reader's thread; messages wake it.
 const SLEEP: Duration = Duration::from_millis(500);
+/// Longest wait for the reader of a client whose request has come, ...
+const CLIENT_FOUND: Duration = Duration::from_secs(1);
+/// ... and between two looks for it.
+const LOOK_AGAIN: Duration = Duration::from_millis(2);
 /// Most writers whose names a reader remembers.
 const MOST_NAMES: usize = 256;
 
@@ -93,10 +97,11 @@ pub struct Writer {
     guid: Guid,
 }
 
-/// A writer, and how many read it.
+/// A writer, and who reads it.
 pub(crate) struct Outlet {
     dds: Mutex<RawWriter>,
     readers: AtomicI32,
+    read_by: Mutex<Vec<GUID>>,
 }
 
 impl Outlet {
@@ -104,12 +109,29 @@ impl Outlet {
     /// and then.
     pub(crate) fn count_readers(&self) -> usize {
         let writer = self.dds.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut read_by = self.read_by.lock().unwrap_or_else(PoisonError::into_inner);
         while let Some(status) = writer.try_recv_status() {
-            if let DataWriterStatus::PublicationMatched { current, .. } = status {
+            if let DataWriterStatus::PublicationMatched {
+                current, reader, ..
+            } = status
+            {
                 self.readers.store(current.count(), Ordering::Relaxed);
+                read_by.retain(|other| *other != reader);
+                if current.count_change() > 0 {
+                    read_by.push(reader);
+                }
             }
         }
         usize::try_from(self.readers.load(Ordering::Relaxed)).unwrap_or(0)
+    }
+
+    /// Whether anything of the participant that has `endpoint` reads.
+    fn is_read_by(&self, endpoint: GUID) -> bool {
+        self.count_readers();
+        let read_by = self.read_by.lock().unwrap_or_else(PoisonError::into_inner);
+        read_by
+            .iter()
+            .any(|reader| reader.prefix == endpoint.prefix)
     }
 }
 
@@ -120,6 +142,7 @@ impl Writer {
         let outlet = Arc::new(Outlet {
             dds: Mutex::new(writer),
             readers: AtomicI32::new(0),
+            read_by: Mutex::default(),
         });
         participant.keep_count(&outlet);
         Self {
@@ -134,8 +157,13 @@ impl Writer {
         self.send_with(payload, WriteOptions::default())
     }
 
-    /// As an answer to a request.
-    pub(crate) fn answer(&self, payload: Vec<u8>, to: SampleIdentity) -> bool {
+    /// As an answer to a request that `asker` wrote. A client's two ends are discovered one after the
+    /// other, and what is written before its reader is known never reaches it: that is waited for.
+    pub(crate) fn answer(&self, payload: Vec<u8>, to: SampleIdentity, asker: GUID) -> bool {
+        let end = Instant::now() + CLIENT_FOUND;
+        while !self.outlet.is_read_by(asker) && Instant::now() < end {
+            std::thread::park_timeout(LOOK_AGAIN);
+        }
         let options = WriteOptionsBuilder::new().related_sample_identity(to);
         self.send_with(payload, options.build())
     }

@@ -74,7 +74,7 @@ const fn kind(
 
 const LINK: &str = "link lost and back";
 
-/// The kinds; killed programs and full disks are whole processes (`needle-steer/tests/withdraw.rs`).
+/// The kinds; killed programs and full disks are whole processes (`needle-steer/tests/program/withdraw.rs`).
 static KINDS: [Kind; 15] = [
     kind("no image", "no image", &[], Act::Sight(|_| Ok(None))),
     kind(

@@ -1,10 +1,11 @@
 //! Ranges of the configuration's values.
 
-pub(super) mod range;
+mod range;
 mod remote;
 
 pub(crate) use range::in_other_unit;
-use range::{agree, positive, within, zero_or_within};
+use range::{agree, zero_or_within};
+pub(super) use range::{positive, within};
 
 use super::{
     Backend, Config, FARTHEST_MM, InsertionBy, Invalid, LARGEST_SEED, NeedleSupport, SensorKind,

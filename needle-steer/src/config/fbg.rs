@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::check::range::{positive, within};
+use super::check::{positive, within};
 use super::{Backend, Config, Invalid, SensorKind};
 
 /// From where a calibration's file counts the places of its areas.

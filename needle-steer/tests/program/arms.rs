@@ -1,27 +1,15 @@
 //! Arms of other laboratories at the command line: `fk`, `ik`, `check`, `arms`, `run`.
-#![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
 
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::Output;
+
+use super::{needle_steer, stderr};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/tests/data/arms");
-
-fn needle_steer(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_needle-steer"))
-        .args(arguments)
-        .current_dir(env!("CARGO_TARGET_TMPDIR"))
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
-}
 
 fn stdout(output: &Output) -> String {
     assert!(output.status.success(), "{}", stderr(output));
     String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
 }
 
 /// A changed copy of one of the arms.
@@ -57,7 +45,7 @@ fn with_arm(command: &[&str], file: &str, more: &[&str]) -> Output {
 #[test]
 fn the_table_of_arms_is_what_the_command_makes() {
     let table = stdout(&needle_steer(&["arms", FOLDER]));
-    let page = include_str!("../../docs/ARMS.md");
+    let page = include_str!("../../../docs/ARMS.md");
     assert!(table.lines().count() > 12);
     for line in table.lines() {
         assert!(page.contains(line), "docs/ARMS.md lacks {line}");

@@ -1,11 +1,12 @@
 //! `calibrate` on made-up boards and poses: what it finds, what it refuses, what it leaves alone.
-#![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::path::Path;
+use std::process::Output;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
+
+use super::{folder, needle_steer};
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
@@ -13,22 +14,8 @@ const FOCAL_PX: f64 = 600.0;
 const BASELINE_M: f64 = 0.08;
 const SQUARE_M: f64 = 0.02;
 
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
-}
-
 fn calibrate(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_needle-steer"))
-        .current_dir(env!("CARGO_TARGET_TMPDIR"))
-        .arg("calibrate")
-        .args(arguments)
-        .output()
-        .unwrap()
+    needle_steer(&[&["calibrate"], arguments].concat())
 }
 
 /// Refused with exit 2 and a message that holds `named`.

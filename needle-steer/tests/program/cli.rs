@@ -1,37 +1,11 @@
 //! Smoke tests of the command line: exit codes, messages, files.
-#![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Command, Stdio};
 
 use serde_json::json;
 
-fn needle_steer(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_needle-steer"))
-        .args(arguments)
-        .current_dir(env!("CARGO_TARGET_TMPDIR"))
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
-
-/// A folder of this test's own, empty.
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
-}
+use super::{BIN, folder, needle_steer, stderr, stdout};
 
 #[test]
 fn a_run_ends_with_a_verdict_and_writes_its_results() {
@@ -144,7 +118,7 @@ fn a_bad_configuration_names_file_line_and_key_and_writes_nothing() {
 fn ctrl_c_stops_the_arm_and_keeps_the_results() {
     let out = folder("ctrl-c");
     // A speed at which the run takes hours of simulated time: it is stopped, or it never ends.
-    let child = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+    let child = Command::new(BIN)
         .args(["run", "--json", "--set", "run.insertion_speed_mm_s=0.001"])
         .args([
             "--set",
@@ -316,7 +290,7 @@ fn the_viper_back_end_ends_at_the_target_too() {
 #[test]
 fn the_emulated_controller_listens_until_it_is_interrupted() {
     use std::io::{BufRead, BufReader};
-    let mut child = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+    let mut child = Command::new(BIN)
         .args([
             "emulate",
             "viper",
@@ -369,7 +343,7 @@ fn a_calibration_from_photographs_writes_its_four_files() {
     let out = folder("calibrate");
     let place = out.join("rig");
     let calibrate = |board: &str, right: &[String]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_needle-steer"));
+        let mut command = Command::new(BIN);
         command.args([
             "calibrate",
             "stereo",

@@ -1,15 +1,9 @@
 //! The dead-man's switch in a terminal: a held key on a pseudo-terminal.
-#![cfg(unix)]
-#![expect(
-    clippy::unwrap_used,
-    clippy::disallowed_methods,
-    reason = "a live process: the test waits, and a failed step is a failed test"
-)]
 
 use std::fs::File;
 use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -17,18 +11,10 @@ use rustix::fs::OFlags;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, tcgetattr};
 
-const BIN: &str = env!("CARGO_BIN_EXE_needle-steer");
+use super::{BIN, folder, stderr};
+
 /// Bytes of a log that holds steps: what describes the arm before them takes a quarter.
 const BEGUN: u64 = 100_000;
-
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("dead-man-{name}"));
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
-}
 
 /// Both ends of a new terminal: the keyboard's, and the program's.
 fn terminal() -> (File, File) {
@@ -53,10 +39,6 @@ fn run(place: &Path, input: Stdio, arguments: &[&str]) -> Child {
         .unwrap()
 }
 
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
 /// How far the needle's base has gone down since the first step, for every step [mm].
 fn advances(place: &Path) -> Vec<f64> {
     let series = std::fs::read_to_string(place.join("x/series.csv")).unwrap();
@@ -66,7 +48,7 @@ fn advances(place: &Path) -> Vec<f64> {
 
 #[test]
 fn a_held_key_keeps_a_run_going_and_a_released_one_ends_it() {
-    let place = folder("key");
+    let place = folder("dead-man-key");
     let (mut keyboard, program) = terminal();
     let before = tcgetattr(&program).unwrap();
     let input = Stdio::from(program.try_clone().unwrap());
@@ -113,7 +95,7 @@ fn a_held_key_keeps_a_run_going_and_a_released_one_ends_it() {
 
 #[test]
 fn ctrl_c_in_the_terminal_still_ends_a_run_that_waits_for_its_key() {
-    let place = folder("ctrl-c");
+    let place = folder("dead-man-ctrl-c");
     let (_keyboard, program) = terminal();
     let input = Stdio::from(program.try_clone().unwrap());
     let child = run(&place, input, &["--set", "supervisor.dead_man_ms=2000"]);
@@ -140,7 +122,7 @@ fn ctrl_c_in_the_terminal_still_ends_a_run_that_waits_for_its_key() {
 
 #[test]
 fn a_run_that_nobody_can_keep_alive_is_refused() {
-    let place = folder("nobody");
+    let place = folder("dead-man-nobody");
     let dead_man = ["--set", "supervisor.dead_man_ms=500"];
     let output = run(&place, Stdio::null(), &dead_man)
         .wait_with_output()

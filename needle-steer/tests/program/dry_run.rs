@@ -1,10 +1,5 @@
 //! Dry runs against a controller behind a network address: the emulated one, in a process or
 //! a thread of its own.
-#![expect(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a failed step is a failed test"
-)]
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
@@ -16,20 +11,9 @@ use needle_steer::clock::WallTime;
 use robots::viper::emulator::{EmulatorConfig, Server};
 use robots::viper::{Dialect, Emulator};
 
+use super::{BIN, apart, joints_of, needle_steer, stderr};
+
 const LOCALHOST: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
-
-fn needle_steer(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_needle-steer"))
-        .args(arguments)
-        .current_dir(env!("CARGO_TARGET_TMPDIR"))
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
 
 /// A run on the controller behind these ports, with `more` arguments.
 fn run_on(motion: u16, state: u16, more: &[&str]) -> Output {
@@ -53,22 +37,6 @@ fn run_on(motion: u16, state: u16, more: &[&str]) -> Output {
     needle_steer(&arguments)
 }
 
-/// Joint positions that a dry run reports \[rad\].
-fn joints_of(output: &Output) -> [f64; 6] {
-    let message = stderr(output);
-    let line = message
-        .lines()
-        .find(|line| line.starts_with("joints ["))
-        .unwrap_or_else(|| panic!("no joints in {message}"));
-    let (_, rest) = line.split_once('[').unwrap();
-    let (list, _) = rest.split_once(']').unwrap();
-    let values: Vec<f64> = list
-        .split(", ")
-        .map(|x| x.parse::<f64>().unwrap().to_radians())
-        .collect();
-    values.try_into().unwrap()
-}
-
 /// Where the default insertion starts.
 fn start() -> [f64; 6] {
     let output = needle_steer(&["run", "--dry-run"]);
@@ -85,7 +53,7 @@ struct Controller {
 impl Controller {
     fn at(joints: [f64; 6]) -> Self {
         let joints = joints.map(|q| q.to_degrees().to_string()).join(",");
-        let mut process = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+        let mut process = Command::new(BIN)
             .args([
                 "emulate",
                 "viper",
@@ -132,13 +100,6 @@ impl Drop for Controller {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
-}
-
-fn apart(a: &[f64; 6], b: &[f64; 6]) -> f64 {
-    a.iter()
-        .zip(b)
-        .map(|(a, b)| (a - b).abs())
-        .fold(0.0, f64::max)
 }
 
 #[test]

@@ -1,22 +1,10 @@
 //! A newcomer's first commands: examples that other commands read, pages that are shown.
-#![cfg(unix)]
-#![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
 
 use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-const BIN: &str = env!("CARGO_BIN_EXE_needle-steer");
-
-/// An empty folder of this test's own.
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("example-{name}"));
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
-}
+use super::{BIN, folder, words};
 
 /// Runs a line as a shell would, in `place`.
 fn shell(place: &Path, line: &str) -> Output {
@@ -27,10 +15,6 @@ fn shell(place: &Path, line: &str) -> Output {
         .stdin(Stdio::null())
         .output()
         .unwrap()
-}
-
-fn words(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
 }
 
 /// The output of a line that succeeds.
@@ -50,7 +34,7 @@ fn next(told: &str) -> Vec<&str> {
 
 #[test]
 fn images_calibrate_and_track_as_they_say() {
-    let place = folder("images");
+    let place = folder("example-images");
     let told = done(&place, "needle-steer example images samples");
     let [calibrate, track] = next(&told)[..] else {
         panic!("{told}");
@@ -77,7 +61,7 @@ fn images_calibrate_and_track_as_they_say() {
 
 #[test]
 fn recordings_identify_a_needle_that_predicts_another() {
-    let place = folder("recordings");
+    let place = folder("example-recordings");
     let told = done(&place, "needle-steer example recordings samples");
     let [estimate, validate] = next(&told)[..] else {
         panic!("{told}");
@@ -90,7 +74,7 @@ fn recordings_identify_a_needle_that_predicts_another() {
 
 #[test]
 fn a_run_shows_its_page_or_says_where_it_is() {
-    let place = folder("open");
+    let place = folder("example-open");
     let browser = place.join("bin/xdg-open");
     std::fs::create_dir(place.join("bin")).unwrap();
     std::fs::write(

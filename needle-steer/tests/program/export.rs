@@ -1,32 +1,15 @@
 //! A run exported to the formats of others, opened by their own readers.
-#![expect(
-    clippy::unwrap_used,
-    clippy::disallowed_methods,
-    reason = "a failed step is a failed test, and one that is skipped says so"
-)]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-fn program(arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_needle-steer"));
-    command.args(arguments).output().unwrap()
-}
-
-fn folder(name: &str) -> PathBuf {
-    let place = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    if place.exists() {
-        std::fs::remove_dir_all(&place).unwrap();
-    }
-    std::fs::create_dir_all(&place).unwrap();
-    place
-}
+use super::{folder, needle_steer};
 
 /// A short run with images; the file of its log.
 fn run(place: &Path) -> PathBuf {
     let out = place.join("run");
-    let ran = program(&[
+    let ran = needle_steer(&[
         "run",
         "--set",
         "target.depth_mm=8",
@@ -41,7 +24,7 @@ fn run(place: &Path) -> PathBuf {
 
 fn export(log: &Path, to: &str, out: &Path) -> Output {
     let (log, out) = (log.to_str().unwrap(), out.to_str().unwrap());
-    program(&["export", log, "--to", to, "--out", out])
+    needle_steer(&["export", log, "--to", to, "--out", out])
 }
 
 fn unix_s() -> f64 {

@@ -1,38 +1,15 @@
 //! What somebody meets who uses the program for the first time: words that name the cause and what to
 //! do about it.
-#![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
 
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 
-fn needle_steer(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_needle-steer"))
-        .args(arguments)
-        .current_dir(env!("CARGO_TARGET_TMPDIR"))
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
-}
-
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// A folder of this test's own, empty.
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
-}
+use super::{BIN, folder, needle_steer, stderr};
 
 /// Refused as bad usage, with words that hold each of `told`.
 fn refused(arguments: &[&str], told: &[&str]) {
     let output = needle_steer(arguments);
-    let words = said(&output);
+    let words = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {words}");
     for told in told {
         assert!(words.contains(told), "{arguments:?}, {told}: {words}");
@@ -51,7 +28,7 @@ fn a_needle_that_buckles_in_air_does_not_pass_the_check() {
         needle_steer(&command.iter().copied().chain(sets).collect::<Vec<_>>())
     };
     let checked = with(&["check"], &[]);
-    let words = said(&checked);
+    let words = stderr(&checked);
     assert_eq!(checked.status.code(), Some(1), "{words}");
     for told in [
         "buckles in air",
@@ -63,12 +40,12 @@ fn a_needle_that_buckles_in_air_does_not_pass_the_check() {
     }
     let dry = with(&["run", "--dry-run"], &[]);
     assert!(
-        said(&dry).contains("note: the needle buckles in air"),
+        stderr(&dry).contains("note: the needle buckles in air"),
         "{}",
-        said(&dry)
+        stderr(&dry)
     );
     let stiffer = with(&["check"], &["needle.outer_diameter_mm=0.65"]);
-    assert!(stiffer.status.success(), "{}", said(&stiffer));
+    assert!(stiffer.status.success(), "{}", stderr(&stiffer));
 }
 
 #[test]
@@ -130,14 +107,14 @@ fn a_place_that_is_suggested_is_pasted_over_the_table_that_there_is() {
         "[run]\nlaw = \"paper\"\n[arm]\ntip_link = \"needle_base\"\nbase_mm = [900.0, 0.0, 0.0]\n";
     std::fs::write(&file, text).unwrap();
     let suggested = needle_steer(&["check", "--suggest", file.to_str().unwrap()]);
-    assert!(suggested.status.success(), "{}", said(&suggested));
+    assert!(suggested.status.success(), "{}", stderr(&suggested));
     let table = String::from_utf8(suggested.stdout).unwrap();
     assert!(table.contains("in the place of the table [arm]"), "{table}");
     // As it is said: the old table goes, this one comes.
     let kept = text.split("[arm]").next().unwrap();
     std::fs::write(&file, format!("{kept}{table}")).unwrap();
     let checked = needle_steer(&["check", file.to_str().unwrap()]);
-    assert!(checked.status.success(), "{table}: {}", said(&checked));
+    assert!(checked.status.success(), "{table}: {}", stderr(&checked));
     assert!(table.contains("tip_link"), "{table}");
 }
 
@@ -179,7 +156,7 @@ fn what_cannot_be_read_is_told_in_words() {
         &["poses.json:2:13: not the JSON", "expected value"],
     );
     let output = needle_steer(&["check", &path("missing.toml")]);
-    assert!(!said(&output).contains("os error"), "{}", said(&output));
+    assert!(!stderr(&output).contains("os error"), "{}", stderr(&output));
 }
 
 /// Two cameras as OpenCV writes them.
@@ -244,13 +221,13 @@ fn shards_that_are_given_twice_are_told() {
     let part = at.join("part");
     let part = part.to_str().unwrap();
     let done = needle_steer(&["campaign", file.to_str().unwrap(), "--out", part]);
-    assert!(done.status.success(), "{}", said(&done));
+    assert!(done.status.success(), "{}", stderr(&done));
     let merged = needle_steer(&["campaign", "merge", part, part]);
-    assert!(merged.status.success(), "{}", said(&merged));
+    assert!(merged.status.success(), "{}", stderr(&merged));
     assert!(
-        said(&merged).contains("2 runs were given twice"),
+        stderr(&merged).contains("2 runs were given twice"),
         "{}",
-        said(&merged)
+        stderr(&merged)
     );
 }
 
@@ -267,7 +244,7 @@ fn a_dry_run_in_air_tells_no_truth_and_no_way_out() {
         "target.depth_mm=5",
     ]);
     let words = String::from_utf8_lossy(&air.stdout);
-    assert!(air.status.success(), "{words}{}", said(&air));
+    assert!(air.status.success(), "{words}{}", stderr(&air));
     assert!(
         words.contains("in air") && words.contains("duration"),
         "{words}"
@@ -280,7 +257,7 @@ fn a_dry_run_in_air_tells_no_truth_and_no_way_out() {
 
 #[test]
 fn the_emulated_controller_answers_what_is_typed() {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+    let mut child = Command::new(BIN)
         .args([
             "emulate",
             "viper",

@@ -1,51 +1,11 @@
 //! What a laboratory does with its runs: replay, comparison, campaigns, reports, identification,
 //! and what is left when a process is killed.
-#![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
 
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-fn program() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_needle-steer"));
-    command
-        .current_dir(env!("CARGO_TARGET_TMPDIR"))
-        .stdin(Stdio::null());
-    command
-}
-
-fn needle_steer(arguments: &[&str]) -> Output {
-    program().args(arguments).output().unwrap()
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
-
-/// A folder of this test's own, empty.
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"))
-        .join("lab")
-        .join(name);
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-fn json(output: &Output) -> serde_json::Value {
-    assert!(!output.stdout.is_empty(), "{}", stderr(output));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
+use super::{folder, json, needle_steer, program, stderr, stdout, text};
 
 /// The log of a short insertion.
 fn log_of(folder: &Path, more: &[&str]) -> PathBuf {
@@ -67,7 +27,7 @@ fn log_of(folder: &Path, more: &[&str]) -> PathBuf {
 #[test]
 fn replay_gives_the_same_commands_and_another_law_others() {
     for law in ["hybrid", "paper", "paper-verbatim", "broyden"] {
-        let log = log_of(&folder(&format!("replay-{law}")), &["--law", law]);
+        let log = log_of(&folder(&format!("lab/replay-{law}")), &["--law", law]);
         let output = needle_steer(&["replay", "--json", text(&log)]);
         assert!(output.status.success(), "{law}: {}", stderr(&output));
         let report = json(&output);
@@ -76,7 +36,7 @@ fn replay_gives_the_same_commands_and_another_law_others() {
         assert_eq!(report["differing_reports"], 0, "{law}: {report}");
         assert_eq!(report["complete"], true);
     }
-    let log = folder("replay-other");
+    let log = folder("lab/replay-other");
     let log = log_of(&log, &[]);
     let output = needle_steer(&["replay", "--json", "--law", "none", text(&log)]);
     assert_eq!(output.status.code(), Some(1));
@@ -90,16 +50,16 @@ fn replay_gives_the_same_commands_and_another_law_others() {
 
 #[test]
 fn the_emulated_viper_replays_too() {
-    let log = log_of(&folder("replay-viper"), &["--backend", "viper"]);
+    let log = log_of(&folder("lab/replay-viper"), &["--backend", "viper"]);
     let output = needle_steer(&["replay", "--json", text(&log)]);
     assert!(output.status.success(), "{}", stdout(&output));
 }
 
 #[test]
 fn diff_says_where_two_runs_part() {
-    let first = log_of(&folder("diff-a"), &["--seed", "3"]);
-    let same = log_of(&folder("diff-b"), &["--seed", "3"]);
-    let other = log_of(&folder("diff-c"), &["--seed", "4"]);
+    let first = log_of(&folder("lab/diff-a"), &["--seed", "3"]);
+    let same = log_of(&folder("lab/diff-b"), &["--seed", "3"]);
+    let other = log_of(&folder("lab/diff-c"), &["--seed", "4"]);
     let output = needle_steer(&["diff", "--json", text(&first), text(&same)]);
     assert!(output.status.success(), "{}", stdout(&output));
     let output = needle_steer(&["diff", "--json", text(&first), text(&other)]);
@@ -124,7 +84,7 @@ fn campaign(folder: &Path) -> PathBuf {
 
 #[test]
 fn shards_merge_to_the_table_of_the_whole() {
-    let folder = folder("campaign-shards");
+    let folder = folder("lab/campaign-shards");
     let file = campaign(&folder);
     let (whole, one, two) = (folder.join("whole"), folder.join("one"), folder.join("two"));
     let output = needle_steer(&["campaign", text(&file), "--out", text(&whole), "--json"]);
@@ -213,7 +173,7 @@ fn now() -> Instant {
 
 #[test]
 fn a_campaign_killed_at_random_moments_loses_and_doubles_nothing() {
-    let folder = folder("campaign-killed");
+    let folder = folder("lab/campaign-killed");
     let file = campaign(&folder);
     let whole = folder.join("whole");
     let begun = now();
@@ -250,7 +210,7 @@ fn a_campaign_killed_at_random_moments_loses_and_doubles_nothing() {
 
 #[test]
 fn a_run_killed_at_random_moments_leaves_a_readable_log() {
-    let folder = folder("run-killed");
+    let folder = folder("lab/run-killed");
     let begun = now();
     log_of(&folder.join("whole"), &["--set", "target.depth_mm=80"]);
     let duration = begun.elapsed();
@@ -283,7 +243,7 @@ fn a_run_killed_at_random_moments_leaves_a_readable_log() {
 
 #[test]
 fn a_report_is_one_page_that_fetches_nothing() {
-    let folder = folder("report");
+    let folder = folder("lab/report");
     let log = log_of(&folder, &[]);
     let output = needle_steer(&["report", text(&log)]);
     assert!(output.status.success(), "{}", stderr(&output));
@@ -345,7 +305,7 @@ fn a_browser_draws_the_report_and_its_slider_moves_the_needle() {
         println!("no chromium here: the report was not drawn");
         return;
     };
-    let folder = folder("browser");
+    let folder = folder("lab/browser");
     let log = log_of(&folder, &[]);
     assert!(needle_steer(&["report", text(&log)]).status.success());
     let page = std::fs::read_to_string(folder.join("run.html")).unwrap();
@@ -384,7 +344,7 @@ fn a_browser_draws_the_report_and_its_slider_moves_the_needle() {
 
 #[test]
 fn identification_writes_a_configuration_that_runs() {
-    let folder = folder("estimate");
+    let folder = folder("lab/estimate");
     let mut logs = Vec::new();
     for seed in ["21", "22"] {
         let out = folder.join(seed);
@@ -425,7 +385,7 @@ fn identification_writes_a_configuration_that_runs() {
 
 #[test]
 fn what_cannot_be_read_is_named_and_nothing_is_written() {
-    let folder = folder("bad-input");
+    let folder = folder("lab/bad-input");
     let foreign = folder.join("foreign.mcap");
     std::fs::write(&foreign, "this is no log").unwrap();
     let empty = folder.join("empty.mcap");

@@ -1,13 +1,12 @@
 //! Results are written by one process, never over others, and outlive Ctrl-C and a full disk.
-#![cfg(unix)]
-#![expect(clippy::unwrap_used, reason = "a failed step is a failed test")]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::Value;
 
-const BIN: &str = env!("CARGO_BIN_EXE_needle-steer");
+use super::{BIN, folder, stderr};
+
 /// Bytes of a log that holds steps: what describes the arm before them takes a quarter.
 const BEGUN: u64 = 100_000;
 /// A run of a second of computing.
@@ -33,16 +32,6 @@ const ENDLESS: [&str; 6] = [
     "--set",
     "run.max_duration_s=86400",
 ];
-
-/// An empty folder of this test's own.
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("results-{name}"));
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
-}
 
 fn start(place: &Path, arguments: &[&str]) -> Child {
     piped(Command::new(BIN).args(arguments), place)
@@ -81,10 +70,6 @@ fn wait_for(mut there: impl FnMut() -> bool) {
     }
 }
 
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
 fn json(text: &[u8]) -> Value {
     serde_json::from_slice(text).unwrap()
 }
@@ -95,7 +80,7 @@ fn grown(file: &Path, bytes: u64) -> bool {
 
 #[test]
 fn a_second_run_into_the_folder_of_a_running_one_is_refused() {
-    let place = folder("one-folder");
+    let place = folder("results-one-folder");
     let first = start(&place, &[&ENDLESS[..], &["--out", "x"]].concat());
     // As soon as the first one has the folder, before it has written anything.
     wait_for(|| place.join("x/run.mcap").exists());
@@ -114,7 +99,7 @@ fn a_second_run_into_the_folder_of_a_running_one_is_refused() {
 
 #[test]
 fn runs_at_the_same_time_take_a_folder_each() {
-    let place = folder("next-folder");
+    let place = folder("results-next-folder");
     let runs: Vec<Child> = (0..3).map(|_| start(&place, &SHORT)).collect();
     let mut folders: Vec<String> = runs
         .into_iter()
@@ -133,7 +118,7 @@ fn runs_at_the_same_time_take_a_folder_each() {
 
 #[test]
 fn a_configuration_in_the_folder_of_the_results_is_not_written_over() {
-    let place = folder("own-config");
+    let place = folder("results-own-config");
     let text = "[run]\nseed = 3\n";
     std::fs::write(place.join("config.toml"), text).unwrap();
     let output = needle_steer(
@@ -149,7 +134,7 @@ fn a_configuration_in_the_folder_of_the_results_is_not_written_over() {
 
 #[test]
 fn a_refused_target_leaves_no_folder() {
-    let place = folder("refused");
+    let place = folder("results-refused");
     let output = needle_steer(
         &place,
         &["run", "--set", "target.offset_mm=60", "--out", "x"],
@@ -163,7 +148,7 @@ fn a_refused_target_leaves_no_folder() {
 
 #[test]
 fn a_full_disk_ends_no_insertion_and_takes_no_verdict() {
-    let place = folder("full-disk");
+    let place = folder("results-full-disk");
     let run = start_on_small_disk(&place, 100, &[&SHORT[..], &["--out", "x"]].concat());
     let output = run.wait_with_output().unwrap();
     let summary = json(&output.stdout);
@@ -178,7 +163,7 @@ fn a_full_disk_ends_no_insertion_and_takes_no_verdict() {
 
 #[test]
 fn a_verdict_nobody_can_read_is_in_the_files() {
-    let place = folder("no-stdout");
+    let place = folder("results-no-stdout");
     let full = std::fs::OpenOptions::new().write(true).open("/dev/full");
     let output = Command::new(BIN)
         .args(SHORT)
@@ -194,7 +179,7 @@ fn a_verdict_nobody_can_read_is_in_the_files() {
 
 #[test]
 fn seeds_beyond_what_a_configuration_holds_are_refused_in_true_words() {
-    let place = folder("seeds");
+    let place = folder("results-seeds");
     let largest = "9223372036854775807";
     for seed in ["9223372036854775808", "18446744073709551615"] {
         let set = format!("run.seed={seed}");
@@ -241,7 +226,7 @@ const E1: [&str; 6] = [
 
 #[test]
 fn reproduce_heeds_every_change_or_refuses_it() {
-    let place = folder("heeded");
+    let place = folder("results-heeded");
     for (change, reason) in [
         ("run.seed=5", "--seed"),
         ("run.law=hybrid", "--law"),
@@ -274,7 +259,7 @@ fn reproduce_heeds_every_change_or_refuses_it() {
 
 #[test]
 fn an_interrupted_reproduction_keeps_its_finished_runs() {
-    let place = folder("interrupted");
+    let place = folder("results-interrupted");
     // More runs than any memory holds.
     let runs = [
         "--runs",
@@ -311,7 +296,7 @@ fn an_interrupted_reproduction_keeps_its_finished_runs() {
 
 #[test]
 fn a_reproduction_that_finds_the_disk_full_prints_what_it_found() {
-    let place = folder("reproduce-full");
+    let place = folder("results-reproduce-full");
     let arguments = [
         "reproduce",
         "--experiments",
@@ -336,7 +321,7 @@ fn a_reproduction_that_finds_the_disk_full_prints_what_it_found() {
 
 #[test]
 fn a_report_replaces_a_report_and_nothing_else() {
-    let place = folder("report");
+    let place = folder("results-report");
     let output = needle_steer(&place, &[&SHORT[..], &["--out", "x"]].concat());
     assert!(output.status.success(), "{}", stderr(&output));
     let log = std::fs::read(place.join("x/run.mcap")).unwrap();

@@ -1,13 +1,7 @@
 //! `needle-steer track` on images of the phantom's cameras, against truth.
-#![expect(
-    clippy::unwrap_used,
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a failed step is a failed test; images are small"
-)]
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 
 use hal::{GrayImage, Stamp, Transform};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
@@ -16,6 +10,8 @@ use phantom::NeedleView;
 use phantom::camera::{CameraSettings, StereoRig};
 use serde_json::Value;
 use vision::files::{StereoFile, stereo_yml};
+
+use super::{folder, program, stderr};
 
 const DIAMETER: f64 = 0.7e-3;
 const BEVEL_DEG: f64 = 24.0;
@@ -54,11 +50,7 @@ impl Film {
     /// Renders an insertion of 0.25 mm a frame with ideal cameras, and writes images and
     /// calibration, the container in it.
     fn new(name: &str, bevel_angle: f64, blank: core::ops::Range<usize>) -> Self {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-        if folder.exists() {
-            std::fs::remove_dir_all(&folder).unwrap();
-        }
-        std::fs::create_dir_all(&folder).unwrap();
+        let folder = folder(name);
         let world_from_phantom = Isometry3::new(
             Vector3::new(0.4, 0.0, 0.25),
             Vector3::x() * core::f64::consts::PI,
@@ -146,8 +138,7 @@ impl Film {
     }
 
     fn track_files(&self, left: &[String], right: &[String], out: &str, more: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_needle-steer"))
-            .current_dir(env!("CARGO_TARGET_TMPDIR"))
+        program()
             .args(["track", "--out", &self.path(out), "--left"])
             .args(left)
             .arg("--right")
@@ -185,10 +176,6 @@ impl Film {
 fn point(value: &Value) -> Point3<f64> {
     let numbers: Vec<f64> = serde_json::from_value(value.clone()).unwrap();
     Point3::from_slice(&numbers)
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
 }
 
 /// Tip error asked of ideal cameras, the container known \[m\].
@@ -429,7 +416,7 @@ fn one_camera_and_a_plane_place_a_bright_needle_that_advances_far() {
         save(Path::new(&path), &image);
         files.push(path);
     }
-    let output = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+    let output = program()
         .args([
             "track",
             "--out",

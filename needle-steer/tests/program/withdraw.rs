@@ -1,53 +1,12 @@
 //! `withdraw`: the needle out by the log of an insertion whose process is gone.
-#![cfg(unix)]
-#![expect(
-    clippy::unwrap_used,
-    clippy::panic,
-    clippy::disallowed_methods,
-    reason = "a failed step is a failed test; processes are waited for on the wall clock"
-)]
 
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-fn program() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_needle-steer"));
-    command
-        .current_dir(env!("CARGO_TARGET_TMPDIR"))
-        .stdin(Stdio::null());
-    command
-}
-
-fn needle_steer(arguments: &[&str]) -> Output {
-    program().args(arguments).output().unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
-
-fn json(output: &Output) -> serde_json::Value {
-    assert!(!output.stdout.is_empty(), "{}", stderr(output));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
-/// A folder of this test's own that does not exist yet.
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"))
-        .join("withdraw")
-        .join(name);
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-    folder
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
+use super::{BIN, apart, folder, joints_of, json, needle_steer, program, stderr, text};
 
 /// Waits until the log has grown to this many bytes, and a little longer.
 fn wait_for_log(log: &Path, bytes: u64) {
@@ -79,7 +38,7 @@ fn assert_out(log: &Path, more: &[&str]) -> serde_json::Value {
 #[test]
 fn a_killed_insertion_is_withdrawn_by_its_log() {
     for backend in ["sim", "viper"] {
-        let out = folder(&format!("killed-{backend}"));
+        let out = folder(&format!("withdraw/killed-{backend}"));
         let mut run = program()
             .args(["run", "--sensor", "shape", "--backend", backend])
             .args(["--set", "run.insertion_speed_mm_s=0.5"])
@@ -114,7 +73,7 @@ fn a_log_that_a_full_disk_cut_off_leads_out() {
 }
 
 fn full_disk(backend: &str) {
-    let out = folder(&format!("full-disk-{backend}"));
+    let out = folder(&format!("withdraw/full-disk-{backend}"));
     // Beyond this size writing fails, as on a full disk; the signal that goes with it is ignored.
     let script = "trap '' XFSZ; ulimit -f 20000; exec \"$0\" \"$@\"";
     let run = Command::new("sh")
@@ -133,7 +92,7 @@ fn full_disk(backend: &str) {
 /// with nothing in its end.
 #[test]
 fn a_log_that_a_power_failure_cut_off_leads_out() {
-    let out = folder("power");
+    let out = folder("withdraw/power");
     let short = ["--set", "target.depth_mm=30", "--set", "target.offset_mm=1"];
     let run = ["run", "--sensor", "shape", "--out", text(&out)];
     let output = needle_steer(&[&run[..], &short].concat());
@@ -145,7 +104,7 @@ fn a_log_that_a_power_failure_cut_off_leads_out() {
         ("zeros", whole.len() / 2, whole.len() / 4),
         ("end", whole.len() - 100, 0),
     ] {
-        let cut = folder(&format!("power-{name}"));
+        let cut = folder(&format!("withdraw/power-{name}"));
         std::fs::create_dir_all(&cut).unwrap();
         let log = cut.join("run.mcap");
         let mut bytes = whole[..kept].to_vec();
@@ -166,7 +125,7 @@ fn a_log_that_a_power_failure_cut_off_leads_out() {
 
 #[test]
 fn what_is_no_log_of_an_insertion_is_named() {
-    let folder = folder("no-log");
+    let folder = folder("withdraw/no-log");
     std::fs::create_dir_all(&folder).unwrap();
     let empty = folder.join("empty.mcap");
     std::fs::write(&empty, "").unwrap();
@@ -190,7 +149,7 @@ impl Controller {
         let mut joints = joints_of(&output);
         joints[2] += aside;
         let joints = joints.map(|q| q.to_degrees().to_string()).join(",");
-        let mut process = Command::new(env!("CARGO_BIN_EXE_needle-steer"))
+        let mut process = Command::new(BIN)
             .args(["emulate", "viper", "--motion-port=0", "--state-port=0"])
             .arg(format!("--joints-deg={joints}"))
             .stdin(Stdio::null())
@@ -252,27 +211,6 @@ impl Drop for Controller {
     }
 }
 
-/// Joint positions that a dry run reports \[rad\].
-fn joints_of(output: &Output) -> [f64; 6] {
-    let message = stderr(output);
-    let line = message
-        .lines()
-        .find(|line| line.starts_with("joints ["))
-        .unwrap_or_else(|| panic!("no joints in {message}"));
-    let (_, rest) = line.split_once('[').unwrap();
-    let (list, _) = rest.split_once(']').unwrap();
-    let values: Vec<f64> = list
-        .split(", ")
-        .map(|x| x.parse::<f64>().unwrap().to_radians())
-        .collect();
-    values.try_into().unwrap()
-}
-
-fn apart(a: &[f64; 6], b: &[f64; 6]) -> f64 {
-    let apart = a.iter().zip(b).map(|(a, b)| (a - b).abs());
-    apart.fold(0.0, f64::max)
-}
-
 /// On the wall clock a busy computer may miss the driver's deadlines, which stops the arm; then
 /// the same command goes on.
 fn withdraw_at_last(log: &Path) -> serde_json::Value {
@@ -293,7 +231,7 @@ fn an_arm_left_inside_by_another_process_is_withdrawn() {
     for signal in ["-KILL", "-INT", "-STOP"] {
         let controller = Controller::start(0.0);
         let start = controller.joints();
-        let out = folder(&format!("process{signal}"));
+        let out = folder(&format!("withdraw/process{signal}"));
         let mut run = controller
             .insert(&out)
             .stdout(Stdio::null())
@@ -319,7 +257,10 @@ fn an_arm_left_inside_by_another_process_is_withdrawn() {
         let inside = controller.joints();
         assert!(apart(&start, &inside) > 5e-3, "{start:?} {inside:?}");
         // Another insertion is refused, and told the way out.
-        let output = controller.insert(&folder("refused")).output().unwrap();
+        let output = controller
+            .insert(&folder("withdraw/refused"))
+            .output()
+            .unwrap();
         let message = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{message}");
         let told = format!("needle-steer withdraw {}", text(&log));
@@ -336,7 +277,7 @@ fn an_arm_left_inside_by_another_process_is_withdrawn() {
 
 #[test]
 fn an_arm_beside_the_recorded_path_is_refused_with_figures() {
-    let out = folder("beside");
+    let out = folder("withdraw/beside");
     let short = ["--set", "target.depth_mm=30", "--set", "target.offset_mm=1"];
     let run = ["run", "--sensor", "shape", "--out", text(&out)];
     let output = needle_steer(&[&run[..], &short].concat());

@@ -7,13 +7,18 @@ const THOUSAND: f64 = 1e3;
 
 /// The value lies in `low..=high`.
 pub(in crate::config) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
+    expected("a number", key, value, low, high)
+}
+
+/// The value lies in `low..=high`; otherwise `what` from there to there was expected.
+fn expected(what: &str, key: &str, value: f64, low: f64, high: f64) -> Result<(), Invalid> {
     if value >= low && value <= high {
         return Ok(());
     }
     Err(Invalid {
         key: key.to_owned(),
         problem: format!(
-            "expected a number from {low} to {high}, found {value}{}",
+            "expected {what} from {low} to {high}, found {value}{}",
             hint(key, value, low, high)
         ),
     })
@@ -49,10 +54,7 @@ pub(super) fn zero_or_within(key: &str, value: f64, low: f64, high: f64) -> Resu
     if value == 0.0 {
         return Ok(());
     }
-    within(key, value, low, high).map_err(|mut e| {
-        e.problem = e.problem.replacen("expected", "expected 0, or", 1);
-        e
-    })
+    expected("0, or a number", key, value, low, high)
 }
 
 /// [`in_other_unit`] where the key is of a length.
