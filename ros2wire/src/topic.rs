@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Wake, Waker};
 use std::thread::{JoinHandle, Thread};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rustdds::bytes::Bytes;
 use rustdds::no_key::{
@@ -23,9 +23,9 @@ use crate::participant::{Participant, WireError};
 
 /// Longest sleep of a reader's thread; messages wake it.
 const SLEEP: Duration = Duration::from_millis(500);
-/// Longest wait for the reader of a client whose request has come, ...
-const CLIENT_FOUND: Duration = Duration::from_secs(1);
-/// ... and between two looks for it.
+/// How often the reader of a client whose request has come is looked for: a second in all, ...
+const MOST_LOOKS: u32 = 500;
+/// ... and after how long again.
 const LOOK_AGAIN: Duration = Duration::from_millis(2);
 /// Most writers whose names a reader remembers.
 const MOST_NAMES: usize = 256;
@@ -160,8 +160,11 @@ impl Writer {
     /// As an answer to a request that `asker` wrote. A client's two ends are discovered one after the
     /// other, and what is written before its reader is known never reaches it: that is waited for.
     pub(crate) fn answer(&self, payload: Vec<u8>, to: SampleIdentity, asker: GUID) -> bool {
-        let end = Instant::now() + CLIENT_FOUND;
-        while !self.outlet.is_read_by(asker) && Instant::now() < end {
+        for _ in 0..MOST_LOOKS {
+            if self.outlet.is_read_by(asker) {
+                break;
+            }
+            // A message that comes meanwhile wakes the thread sooner.
             std::thread::park_timeout(LOOK_AGAIN);
         }
         let options = WriteOptionsBuilder::new().related_sample_identity(to);
