@@ -2,11 +2,10 @@
 #![expect(
     clippy::unwrap_used,
     clippy::panic,
-    clippy::print_stderr,
     clippy::disallowed_methods,
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
-    reason = "live processes: tests wait, a failed step is a failed test, and one that is skipped says so; \
+    reason = "live processes: tests wait, a failed step is a failed test; \
               images are small"
 )]
 
