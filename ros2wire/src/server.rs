@@ -77,7 +77,6 @@ fn client(request: &Arrived) -> SampleIdentity {
 }
 
 #[cfg(test)]
-#[expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 mod tests {
     use std::sync::mpsc::channel;
     use std::time::Duration;
