@@ -89,7 +89,7 @@ def test_rewards_add_up_and_the_sparse_one_is_the_hit():
     nearer = first["true_error_mm"] - truth["true_error_mm"]
     advance = first["axial_error_mm"] - truth["axial_error_mm"]
     assert abs(total - (nearer + 0.01 * advance + 1.0)) < 1e-6
-    for goal, earned in [(100.0, 1.0), (1e-6, 0.0)]:
+    for goal, earned in [(100.0, 1.0), (1e-3, 0.0)]:
         sets = {**NEAR["set"], "target.goal_mm": goal}
         rows, _, _ = episode(make(reward="sparse", set=sets), 6)
         assert [row[-1] for row in rows[1:]] == [0.0] * (len(rows) - 2) + [earned]
