@@ -337,8 +337,10 @@ fn refraction_agrees_with_the_phantoms_and_matters() {
     assert!(without > 0.3e-3);
 }
 
-fn run(seeds: core::ops::RangeInclusive<u64>) -> DMatrix<f64> {
-    let mut rows = Vec::new();
+/// Deviations of each seed's parameters in standard deviations, and the registration's true error over the one
+/// that is predicted of a calibration whose errors are not stated.
+fn run(seeds: core::ops::RangeInclusive<u64>) -> (DMatrix<f64>, Vec<f64>) {
+    let (mut rows, mut ratios) = (Vec::new(), Vec::new());
     for seed in seeds {
         let t = trial(seed);
         println!(
@@ -361,13 +363,9 @@ fn run(seeds: core::ops::RangeInclusive<u64>) -> DMatrix<f64> {
             "  its errors not stated: truly {:.3} mm, predicted {:.3} mm, {:.3} mm without the calibration's",
             u.truly, u.predicted, u.without
         );
-        // A root mean square: twice it is rarely exceeded, and it is no guess in the blue.
-        assert!(
-            u.truly < 2.0 * u.predicted && u.predicted < 3.0,
-            "seed {seed}: {:.3} mm for {:.3} mm",
-            u.predicted,
-            u.truly
-        );
+        // No guess in the blue.
+        assert!(u.predicted < 3.0, "seed {seed}: {:.3} mm", u.predicted);
+        ratios.push(u.truly / u.predicted);
         // Over the working volume the calibrated rig reconstructs the gel's shape to 0.03 mm; where
         // the frame stands and how it is turned is the calibration's own uncertainty.
         assert!(
@@ -377,7 +375,7 @@ fn run(seeds: core::ops::RangeInclusive<u64>) -> DMatrix<f64> {
         );
         rows.push(nalgebra::RowDVector::from_vec(t.normalised));
     }
-    DMatrix::from_rows(&rows)
+    (DMatrix::from_rows(&rows), ratios)
 }
 
 fn share_within(values: impl Iterator<Item = f64>) -> f64 {
@@ -393,7 +391,9 @@ fn share_within(values: impl Iterator<Item = f64>) -> f64 {
 
 #[test]
 fn a_few_seeds_stay_within_their_sigmas() {
-    let z = run(1..=3);
+    let (z, ratios) = run(1..=3);
+    // Predicted is a root mean square.
+    assert!(ratios.iter().all(|ratio| *ratio < 2.0), "{ratios:.2?}");
     let share = share_within(z.iter().copied());
     println!("within 3 sigma: {share:.3}");
     // 90 numbers, correlated within a seed.
@@ -403,7 +403,21 @@ fn a_few_seeds_stay_within_their_sigmas() {
 #[test]
 #[ignore = "one hundred calibrations and registrations: minutes"]
 fn a_hundred_seeds_stay_within_their_sigmas() {
-    let z = run(1..=100);
+    let (z, mut ratios) = run(1..=100);
+    ratios.sort_by(f64::total_cmp);
+    let below = |most: f64| ratios.iter().filter(|ratio| **ratio < most).count();
+    let rms = (ratios.iter().map(|r| r * r).sum::<f64>() / ratios.len() as f64).sqrt();
+    println!(
+        "true over predicted, errors not stated: {rms:.2} rms, median {:.2}, below 1 in {}, below 2 in {} of {}",
+        ratios[ratios.len() / 2],
+        below(1.0),
+        below(2.0),
+        ratios.len()
+    );
+    // Few numbers make an error of the frame: the rms of a hundred ratios is known to a tenth, and a
+    // prediction of one kind of calibration for all is half as good as one of its own.
+    assert!((0.5..1.5).contains(&rms), "{rms}");
+    assert!(below(2.0) >= 90, "{ratios:.2?}");
     for k in 0..z.ncols() {
         let share = share_within(z.column(k).iter().copied());
         let rms = (z.column(k).norm_squared() / z.nrows() as f64).sqrt();

@@ -12,6 +12,7 @@ use rosbridge::log::{FileKind, LogReader, ReadError, Record};
 use super::table::TableError;
 use crate::config::{self, Config, ConfigError};
 use crate::cycle::{Bearings, base_pose};
+use crate::guide::Guide;
 use crate::odometry::Odometry;
 use crate::rig::{self, RigBuildError};
 
@@ -138,6 +139,8 @@ impl Recording {
 pub struct Recorder {
     config: Config,
     bearings: Bearings,
+    /// The guide through which the needle slides, where it does.
+    guide: Option<Guide>,
     odometry: Odometry,
     seen: Vec<Seen>,
 }
@@ -150,6 +153,7 @@ impl Recorder {
     pub fn new(config: &Config, bearings: Bearings) -> Self {
         Self {
             config: config.clone(),
+            guide: Guide::of(config),
             bearings,
             odometry: Odometry::new(POSES),
             seen: Vec::new(),
@@ -165,9 +169,12 @@ impl Recorder {
         let Some(world_from_base) = self.odometry.at(shape.stamp) else {
             return;
         };
+        let world_from_support = self.guide.map_or(world_from_base, |guide| {
+            guide.at(&world_from_base).world_from_exit
+        });
         let seen = in_world(
             shape,
-            &world_from_base,
+            &world_from_support,
             &self.bearings.world_from_left_camera,
         );
         // Tracked curves may be logged twice where no new image came.
@@ -187,7 +194,11 @@ impl Recorder {
         Ok(Recording {
             name: name.to_owned(),
             config: self.config,
-            support: Support::Base,
+            support: if self.guide.is_some() {
+                Support::Guide
+            } else {
+                Support::Base
+            },
             seen: self.seen,
         })
     }
@@ -206,12 +217,12 @@ impl crate::run::Observer for Recorder {
 
 fn in_world(
     shape: &SensedShape,
-    world_from_base: &Isometry3<f64>,
+    world_from_support: &Isometry3<f64>,
     world_from_camera: &Transform<World, LeftCamera>,
 ) -> Seen {
     Seen {
         stamp: shape.stamp,
-        world_from_support: *world_from_base,
+        world_from_support: *world_from_support,
         tip: *(*world_from_camera * shape.tip.position).point(),
         tip_sigma: (shape.tip.covariance.trace() / 3.0).sqrt(),
         direction: world_from_camera.rotate_direction(&shape.tip.direction),

@@ -54,6 +54,22 @@ fn commands(text: &str) -> Vec<String> {
     found
 }
 
+/// The words of a command as a shell has them: quotes hold blanks and fall away.
+fn words(command: &str) -> Vec<String> {
+    let mut words = vec![String::new()];
+    let mut quote = None;
+    for c in command.chars() {
+        match (quote, c) {
+            (Some(open), c) if c == open => quote = None,
+            (None, '\'' | '"') => quote = Some(c),
+            (None, c) if c.is_whitespace() => words.push(String::new()),
+            (_, c) => words.last_mut().unwrap().push(c),
+        }
+    }
+    words.retain(|word| !word.is_empty());
+    words
+}
+
 fn needle_steer(arguments: &[&str], folder: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_needle-steer"))
         .args(arguments)
@@ -68,7 +84,8 @@ fn every_command_and_option_in_the_docs_exists() {
     let mut checked = 0;
     for (file, text) in pages() {
         for command in commands(&text) {
-            let words: Vec<&str> = command.split_whitespace().collect();
+            let words = words(&command);
+            let words: Vec<&str> = words.iter().map(String::as_str).collect();
             let mut arguments: Vec<&str> = Vec::new();
             // Subcommands are the leading words that the help of what stands before names.
             let mut help = help_of(&arguments);
@@ -115,7 +132,7 @@ fn help_of(arguments: &[&str]) -> String {
 
 /// Less of what takes long; what is not the point of a command stays.
 fn reduced(command: &str) -> Vec<String> {
-    let mut words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
+    let mut words = words(command);
     if let Some(k) = words.iter().position(|w| w == "--runs") {
         words[k + 1] = "1".into();
     } else if words[0] == "reproduce" {

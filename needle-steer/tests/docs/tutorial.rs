@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use super::{ROOT, needle_steer, reduced};
+use super::{ROOT, needle_steer, reduced, words};
 
 /// Commands that say that something differs, by their exit code.
 const DIFFER: [&str; 2] = [
@@ -176,7 +176,7 @@ fn the_tutorial_works_and_prints_as_written() {
                         None => (last.as_str(), None),
                     };
                     let words = if renew {
-                        command.split_whitespace().map(str::to_owned).collect()
+                        words(command)
                     } else {
                         reduced(command)
                     };
