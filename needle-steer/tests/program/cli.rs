@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use serde_json::json;
 
-use super::{BIN, folder, needle_steer, stderr, stdout};
+use super::{BIN, emulator, folder, interrupt, needle_steer, stderr, stdout};
 
 #[test]
 fn a_run_ends_with_a_verdict_and_writes_its_results() {
@@ -135,15 +135,7 @@ fn ctrl_c_stops_the_arm_and_keeps_the_results() {
     while !log.metadata().is_ok_and(|file| file.len() > 100_000) {
         std::thread::yield_now();
     }
-    let pid = child.id().to_string();
-    assert!(
-        Command::new("kill")
-            .args(["-INT", &pid])
-            .status()
-            .unwrap()
-            .success()
-    );
-    let output = child.wait_with_output().unwrap();
+    let output = interrupt(child);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["ended"], "interrupted");
@@ -290,19 +282,7 @@ fn the_viper_back_end_ends_at_the_target_too() {
 #[test]
 fn the_emulated_controller_listens_until_it_is_interrupted() {
     use std::io::{BufRead, BufReader};
-    let mut child = Command::new(BIN)
-        .args([
-            "emulate",
-            "viper",
-            "--motion-port",
-            "0",
-            "--state-port",
-            "0",
-        ])
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = emulator().stdout(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     for name in ["motion", "state"] {
         let line = lines.next().unwrap().unwrap();
@@ -312,15 +292,7 @@ fn the_emulated_controller_listens_until_it_is_interrupted() {
         assert!(address.ip().is_loopback());
         std::net::TcpStream::connect_timeout(&address, std::time::Duration::from_secs(5)).unwrap();
     }
-    let pid = child.id().to_string();
-    assert!(
-        Command::new("kill")
-            .args(["-INT", &pid])
-            .status()
-            .unwrap()
-            .success()
-    );
-    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(interrupt(child).status.code(), Some(0));
 }
 
 /// The photographs, where there are any.

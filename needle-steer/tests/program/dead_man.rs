@@ -11,7 +11,7 @@ use rustix::fs::OFlags;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, tcgetattr};
 
-use super::{BIN, folder, stderr};
+use super::{BIN, folder, interrupt, stderr};
 
 /// Bytes of a log that holds steps: what describes the arm before them takes a quarter.
 const BEGUN: u64 = 100_000;
@@ -106,15 +106,7 @@ fn ctrl_c_in_the_terminal_still_ends_a_run_that_waits_for_its_key() {
     {
         std::thread::sleep(Duration::from_millis(20));
     }
-    let pid = child.id().to_string();
-    assert!(
-        Command::new("kill")
-            .args(["-INT", &pid])
-            .status()
-            .unwrap()
-            .success()
-    );
-    let output = child.wait_with_output().unwrap();
+    let output = interrupt(child);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     let moved = *advances(&place).last().unwrap();
     assert!(moved.abs() < 0.01, "moved {moved} mm before any key");

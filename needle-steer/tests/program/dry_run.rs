@@ -3,7 +3,7 @@
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Output, Stdio};
 use std::sync::Arc;
 
 use hal::Joints;
@@ -11,7 +11,7 @@ use needle_steer::clock::WallTime;
 use robots::viper::emulator::{EmulatorConfig, Server};
 use robots::viper::{Dialect, Emulator};
 
-use super::{BIN, apart, joints_of, needle_steer, stderr};
+use super::{apart, emulator, joints_of, needle_steer, stderr};
 
 const LOCALHOST: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 
@@ -53,15 +53,7 @@ struct Controller {
 impl Controller {
     fn at(joints: [f64; 6]) -> Self {
         let joints = joints.map(|q| q.to_degrees().to_string()).join(",");
-        let mut process = Command::new(BIN)
-            .args([
-                "emulate",
-                "viper",
-                "--motion-port",
-                "0",
-                "--state-port",
-                "0",
-            ])
+        let mut process = emulator()
             .arg(format!("--joints-deg={joints}"))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())

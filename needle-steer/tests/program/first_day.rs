@@ -2,9 +2,9 @@
 //! do about it.
 
 use std::io::Write as _;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
-use super::{BIN, folder, needle_steer, stderr};
+use super::{emulator, folder, needle_steer, stderr};
 
 /// Refused as bad usage, with words that hold each of `told`.
 fn refused(arguments: &[&str], told: &[&str]) {
@@ -257,15 +257,7 @@ fn a_dry_run_in_air_tells_no_truth_and_no_way_out() {
 
 #[test]
 fn the_emulated_controller_answers_what_is_typed() {
-    let mut child = Command::new(BIN)
-        .args([
-            "emulate",
-            "viper",
-            "--motion-port",
-            "0",
-            "--state-port",
-            "0",
-        ])
+    let mut child = emulator()
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())

@@ -28,6 +28,8 @@ mod track;
 mod withdraw;
 
 use std::path::{Path, PathBuf};
+#[cfg(unix)]
+use std::process::Child;
 use std::process::{Command, Output, Stdio};
 
 const BIN: &str = env!("CARGO_BIN_EXE_needle-steer");
@@ -39,6 +41,22 @@ fn program() -> Command {
         .current_dir(env!("CARGO_TARGET_TMPDIR"))
         .stdin(Stdio::null());
     command
+}
+
+/// `emulate viper` at ports that the system chooses.
+fn emulator() -> Command {
+    let mut command = program();
+    command.args(["emulate", "viper", "--motion-port=0", "--state-port=0"]);
+    command
+}
+
+/// Sends Ctrl-C, and waits for the end.
+#[cfg(unix)]
+fn interrupt(child: Child) -> Output {
+    let pid = child.id().to_string();
+    let sent = Command::new("kill").args(["-INT", &pid]).status().unwrap();
+    assert!(sent.success());
+    child.wait_with_output().unwrap()
 }
 
 fn needle_steer(arguments: &[&str]) -> Output {

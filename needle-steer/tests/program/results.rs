@@ -5,7 +5,7 @@ use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::Value;
 
-use super::{BIN, folder, stderr};
+use super::{BIN, folder, interrupt, stderr};
 
 /// Bytes of a log that holds steps: what describes the arm before them takes a quarter.
 const BEGUN: u64 = 100_000;
@@ -55,13 +55,6 @@ fn piped(command: &mut Command, place: &Path) -> Child {
 
 fn needle_steer(place: &Path, arguments: &[&str]) -> Output {
     start(place, arguments).wait_with_output().unwrap()
-}
-
-fn interrupt(child: Child) -> Output {
-    let pid = child.id().to_string();
-    let sent = Command::new("kill").args(["-INT", &pid]).status().unwrap();
-    assert!(sent.success());
-    child.wait_with_output().unwrap()
 }
 
 fn wait_for(mut there: impl FnMut() -> bool) {

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use super::{BIN, apart, folder, joints_of, json, needle_steer, program, stderr, text};
+use super::{apart, emulator, folder, joints_of, json, needle_steer, program, stderr, text};
 
 /// Waits until the log has grown to this many bytes, and a little longer.
 fn wait_for_log(log: &Path, bytes: u64) {
@@ -149,10 +149,8 @@ impl Controller {
         let mut joints = joints_of(&output);
         joints[2] += aside;
         let joints = joints.map(|q| q.to_degrees().to_string()).join(",");
-        let mut process = Command::new(BIN)
-            .args(["emulate", "viper", "--motion-port=0", "--state-port=0"])
+        let mut process = emulator()
             .arg(format!("--joints-deg={joints}"))
-            .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
